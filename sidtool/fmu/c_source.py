@@ -15,12 +15,12 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numba import types
 
 from sidtool.solver.compiler.arrays import PointerType, ViewType
 from sidtool.solver.compiler.kernels import Entry
 from sidtool.solver.compiler.records import RowsType
 from sidtool.solver.compiler.tables import ALIGNMENT, Table, TableType
+from sidtool.solver.compiler.types import float64, int64, void
 from sidtool.solver.dynamics import control_laws
 from sidtool.solver.functions.piecewise import N_INPUT_TERMS
 from sidtool.solver.integrators import loop_state, newton_iteration
@@ -268,7 +268,7 @@ def _structures(root: TableType) -> list[str]:
 def _c_type(kind: Any) -> str:
     if isinstance(kind, np.dtype):
         return "int64_t" if kind == np.int64 else "double"
-    return {types.float64: "double", types.int64: "int64_t", types.void: "void"}[kind]
+    return {float64: "double", int64: "int64_t", void: "void"}[kind]
 
 
 def _prototype(name: str, kernel: Entry) -> str:

@@ -9,12 +9,10 @@ the compiler of this package and of the environment.
 import hashlib
 import os
 from functools import cache
-from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from types import CodeType, FunctionType
 from typing import Any
-
-from numba import types
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.diagnostics.record import Diagnostic, diagnose, warn_of
@@ -30,6 +28,7 @@ from sidtool.formats.storage.unreadable import failure_reason
 
 from .arrays import PointerType
 from .tables import TableType
+from .types import KernelType, Signature
 
 MAGIC = b"sidtool kernel 1\n"
 #: Bytes of the checksum and of the length of the key.
@@ -41,17 +40,23 @@ COMPILER_FOLDER = Path(__file__).resolve().parent
 _warned: set[str] = set()
 
 #: Globals that kernels take into their code; others only share a name with a field.
-HASHED_TYPES = (bool, int, float, complex, str, tuple, types.Type)
+HASHED_TYPES = (bool, int, float, complex, str, tuple, KernelType)
 #: What decides beside the code of a kernel what becomes of it.
 COMPILER_MODULES = (
     "compiler.kernels",
     "compiler.inner_kernels",
-    "compiler.fast_lowering",
     "compiler.kernel_cache",
+    "compiler.types",
+    "compiler.targets",
     "compiler.tables",
     "compiler.arrays",
     "compiler.records",
     "compiler.vectors",
+    "compiler.lowering.numba_types",
+    "compiler.lowering.memory",
+    "compiler.lowering.vectors",
+    "compiler.lowering.fast_lowering",
+    "compiler.lowering.units",
     "spatial.algebra",
     "spatial.system_arrays",
     "spatial.dimension",
@@ -188,8 +193,8 @@ def kernel_digest(function: FunctionType, signatures: tuple[Any, ...]) -> str:
 def compiler_digest() -> str:
     """Of our own code that turns kernels into machine code."""
     solver = __package__.rpartition(".")[0]
-    modules = [import_module(f"{solver}.{name}") for name in COMPILER_MODULES]
-    sources = [m.__loader__.get_data(m.__file__) for m in modules]  # type: ignore
+    specs: list[Any] = [find_spec(f"{solver}.{name}") for name in COMPILER_MODULES]
+    sources = [spec.loader.get_data(spec.origin) for spec in specs]
     return hashlib.sha256(b"".join(sources)).hexdigest()
 
 
@@ -199,7 +204,7 @@ def _digest(text: str) -> str:
 
 def _type_text(kind: Any) -> str:
     """A signature with the fields of its tables."""
-    if hasattr(kind, "args") and hasattr(kind, "return_type"):
+    if isinstance(kind, Signature):
         return " ".join(_type_text(t) for t in (kind.return_type, *kind.args))
     if isinstance(kind, PointerType):
         return _type_text(kind.signature)

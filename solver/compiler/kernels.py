@@ -12,63 +12,36 @@ import platform
 from collections.abc import Callable
 from functools import cache, cached_property, partial
 from types import FunctionType
-from typing import Any, NamedTuple
+from typing import Any
 
 import llvmlite
-import numba
 from llvmlite import binding as llvm
-from numba import types
+
+from sidtool.formats.storage.hdf5_files import version_of
 
 from . import kernel_cache
 from .arrays import CHECKED, ViewType, array_words
-from .inner_kernels import Unit, compile_unit, inner, lock
+from .inner_kernels import inner, lock
 from .kernel_cache import compiler_digest, kernel_digest
 from .tables import TableType
+from .targets import ENTRY_SYMBOL, Target, host_target, new_machine
+from .types import complex128, float64, int64, void
 
-#: What machine code is called by.
-ENTRY_SYMBOL = "sidtool_kernel"
-#: How names begin that are not of the C library.
-PYTHON_SYMBOLS = "numba", "NRT_", "Py", "_Py"
 _engines: list[Any] = []
 
 #: How numbers get into machine code and out of it.
 C_TYPES = {
-    types.float64: ctypes.c_double,
-    types.int64: ctypes.c_int64,
-    types.void: None,
+    float64: ctypes.c_double,
+    int64: ctypes.c_int64,
+    void: None,
 }
-
-
-class Target(NamedTuple):
-    """What machine code is made for.
-
-    Attributes
-    ----------
-    triple, processor, features
-        As LLVM names them.
-    in_process
-        True for code that this process loads, False for objects of shared libraries.
-    """
-
-    triple: str
-    processor: str
-    features: str = ""
-    in_process: bool = False
-
-
-@cache
-def host_target() -> Target:
-    """The processor of this process, with all of its features."""
-    features = llvm.get_host_cpu_features().flatten()
-    name = llvm.get_host_cpu_name()
-    return Target(llvm.get_process_triple(), name, features, in_process=True)
 
 
 @cache
 def environment(target: Target | None = None) -> str:
     """The processor, and the versions of everything else that compiles."""
     target = target or host_target()
-    versions = f"numba {numba.__version__} llvmlite {llvmlite.__version__}"
+    versions = f"numba {version_of('numba')} llvmlite {llvmlite.__version__}"
     python = f"{platform.python_implementation()} {platform.python_version()}"
     processor = f"{target.triple} {target.processor} {target.features}"
     kind = "" if target.in_process else " library"
@@ -76,91 +49,10 @@ def environment(target: Target | None = None) -> str:
     return f"{python} {versions} {processor}{kind}{checked}"
 
 
-def _new_machine(target: Target) -> Any:
-    """What knows the processor. One that loads code is freed with what it loaded."""
-    if target.in_process:
-        llvm.initialize_native_target()
-        llvm.initialize_native_asmprinter()
-        options = {"codemodel": "jitdefault", "jit": True}
-    else:
-        llvm.initialize_all_targets()
-        llvm.initialize_all_asmprinters()
-        options = {"codemodel": "default", "reloc": "pic", "jit": False}
-    return llvm.Target.from_triple(target.triple).create_target_machine(
-        cpu=target.processor, features=target.features, opt=3, **options
-    )
-
-
-_machine = cache(_new_machine)
-
-
-def compile_kernel(
-    function: FunctionType,
-    signature: Any,
-    target: Target | None = None,
-    symbol: str = ENTRY_SYMBOL,
-) -> bytes:
-    """The machine code of a kernel with all that it calls: an object file.
-
-    Parameters
-    ----------
-    target
-        Default this process.
-    symbol
-        Name of the kernel. In a shared library it is not seen from outside: two
-        libraries with kernels of one name do not meet.
-    """
-    target = target or host_target()
-    with lock:
-        machine = _machine(target)
-        module = _link_units(compile_unit(function, signature), symbol)
-        if not target.in_process:
-            module.get_function(symbol).visibility = "hidden"
-            module.triple = target.triple
-            module.data_layout = str(machine.target_data)
-        _optimise(module, machine)
-        _refuse_python(function, module)
-        code: bytes = machine.emit_object(module)
-    return code
-
-
-def _link_units(entry: Unit, symbol: str) -> Any:
-    """One module, in which nothing but the entry is seen from outside."""
-    module = llvm.parse_assembly("")
-    for unit in entry.with_callees():
-        module.link_in(llvm.parse_assembly(unit.text))
-    for values in (module.functions, module.global_variables):
-        for value in values:
-            if not value.is_declaration and value.name != entry.name:
-                value.linkage = "internal"
-    module.get_function(entry.name).name = symbol
-    return module
-
-
-def _optimise(module: Any, machine: Any) -> None:
-    """Loops here are short: to vectorise them takes longer, to compile and to run.
-
-    To unroll them doubles the machine code and its cost, and saves no time in a step.
-    """
-    options = llvm.create_pipeline_tuning_options(speed_level=3)
-    options.loop_vectorization = options.slp_vectorization = False
-    options.loop_unrolling = False
-    builder = llvm.create_pass_builder(machine, options)
-    builder.getModulePassManager().run(module, builder)
-
-
-def _refuse_python(function: FunctionType, module: Any) -> None:
-    """Raises TypeError where a kernel may raise or allocate: both go unnoticed."""
-    names = [f.name for f in module.functions if f.is_declaration]
-    forbidden = [name for name in names if name.startswith(PYTHON_SYMBOLS)]
-    if forbidden:
-        raise TypeError(f"{function.__qualname__} needs {', '.join(forbidden)}")
-
-
 def load_object_code(code: bytes) -> int:
     """The address of a kernel in this process, where it stays."""
     with lock:
-        machine = _new_machine(host_target())
+        machine = new_machine(host_target())
         engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
         engine.add_object_file(llvm.ObjectFileRef.from_data(code))
         engine.finalize_object()
@@ -223,6 +115,8 @@ class Entry:
     def _code(self, signature: Any, *library: Any) -> bytes:
         code = self.cached_code(signature, *library)
         if code is None:
+            from .lowering.units import compile_kernel
+
             code = compile_kernel(self._function, signature, *library)
             location = self.cache_location(signature, *library)
             kernel_cache.write_code(*location, code)
@@ -274,6 +168,6 @@ def _argument_conversion(kind: Any) -> tuple[list[Any], Callable[[Any], list[Any
     if isinstance(kind, ViewType):
         words: list[Any] = [ctypes.c_void_p, *[ctypes.c_int64] * kind.ndim]
         return words, partial(array_words, kind)
-    if kind == types.complex128:
+    if kind == complex128:
         return [ctypes.c_double] * 2, lambda z: [z.real, z.imag]
     return [C_TYPES[kind]], lambda number: [number]

@@ -13,28 +13,18 @@ from functools import partial
 from typing import Any, ClassVar, Self, get_type_hints
 
 import numpy as np
-from llvmlite import ir
-from numba import types
-from numba.core import cgutils
-from numba.core.datamodel import models
-from numba.core.typing.templates import AttributeTemplate, infer_getattr
-from numba.extending import (
-    lower_getattr_generic,
-    lower_setattr_generic,
-    register_model,
-)
 
-from .arrays import PointerType, ViewType, address_of, array_words, make_view
-from .records import RowsType, load_invariant_word
+from .arrays import PointerType, ViewType, address_of, array_words
+from .records import RowsType
+from .types import KernelType, float64, int64
 
-_WORD = ir.IntType(64)
-_NUMBER_TYPES: dict[Any, Any] = {int: types.int64, float: types.float64}
+_NUMBER_TYPES: dict[Any, Any] = {int: int64, float: float64}
 _NUMBER_TYPE_LIST = [*_NUMBER_TYPES.values()]
 #: Bytes of which the addresses of arrays that are made together are multiples.
 ALIGNMENT = 64
 
 
-class TableType(types.Type):
+class TableType(KernelType):
     """The compiled type of a subclass of `Table`.
 
     Attributes
@@ -54,7 +44,7 @@ class TableType(types.Type):
         self.scalars: dict[str, int] = {
             field: _NUMBER_TYPE_LIST.index(kind)
             for field, kind in self.members.items()
-            if isinstance(kind, types.Number)
+            if kind in _NUMBER_TYPE_LIST
         }
         self.offsets: dict[str, int] = {}
         words = 0
@@ -280,53 +270,3 @@ class Table:
         twin.__dict__["_views"] = {f: v for f, v in views.items() if f not in changes}
         twin._set(changes, self._memory.copy())
         return twin
-
-
-@register_model(TableType)
-class _TableModel(models.PrimitiveModel):
-    def __init__(self, manager: Any, kind: TableType) -> None:
-        super().__init__(manager, kind, cgutils.voidptr_t)
-
-
-@infer_getattr
-class _TableAttribute(AttributeTemplate):
-    key = TableType
-
-    def generic_resolve(self, kind: TableType, field: str) -> Any:  # type: ignore[override]
-        return kind.members.get(field)
-
-
-@lower_getattr_generic(TableType)
-def _get_field(context: Any, builder: Any, kind: TableType, table: Any, field: str):  # type: ignore[no-untyped-def]
-    member, start = kind.members[field], kind.offsets[field]
-    if field in kind.scalars:
-        return builder.load(_place_of_number(context, builder, kind, table, field))
-    words = builder.bitcast(table, _WORD.as_pointer())
-    address = load_invariant_word(builder, words, start)
-    if isinstance(member, RowsType):
-        return builder.gep(words, [ir.Constant(_WORD, start)])
-    if isinstance(member, TableType):
-        return builder.inttoptr(address, cgutils.voidptr_t)
-    if isinstance(member, PointerType):
-        return address
-    kind_of_entry = context.get_data_type(member.dtype).as_pointer()
-    extents = [
-        load_invariant_word(builder, words, start + 1 + i) for i in range(member.ndim)
-    ]
-    data = builder.inttoptr(address, kind_of_entry)
-    return make_view(context, member, builder, [data, *extents])
-
-
-@lower_setattr_generic(TableType)
-def _set_field(context: Any, builder: Any, sig: Any, args: Any, field: str) -> None:
-    kind, (table, value) = sig.args[0], args
-    value = context.cast(builder, value, sig.args[1], kind.members[field])
-    builder.store(value, _place_of_number(context, builder, kind, table, field))
-
-
-def _place_of_number(
-    context: Any, builder: Any, kind: TableType, table: Any, field: str
-) -> Any:
-    number = context.get_data_type(kind.members[field])
-    numbers = builder.bitcast(table, number.as_pointer())
-    return builder.gep(numbers, [ir.Constant(_WORD, kind.offsets[field])])

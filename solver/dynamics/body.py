@@ -20,9 +20,8 @@ offsets are computed once.
 from collections.abc import Callable
 from typing import Any
 
-from numba import float64, int64, types
-
 from ..compiler.inner_kernels import inner, row_dot
+from ..compiler.types import float64, int64, void
 from ..compiler.vectors import SymmetricMatrix, Vector, formula
 from ..spatial.algebra import (
     cross,
@@ -158,7 +157,7 @@ def row_product(like, work, real_data, at, nq, x, first):
     return load(like, work.scratch, 0)
 
 
-@inner(types.void(F1, int64, int64, F1, int64, F1, int64))
+@inner(void(F1, int64, int64, F1, int64, F1, int64))
 def add_cubic_force(real_data, at, nq, z, q, f, row):
     """Adds the forces on the elastic coordinates z[q:] to f[row:]; K1 is at `at`."""
     for k in range(nq):
@@ -181,7 +180,7 @@ def cubic_energy(real_data, at, nq, z, q):
     return total / 3.0
 
 
-@inner(types.void(F1, int64, int64, F1, int64, F1, int64, int64))
+@inner(void(F1, int64, int64, F1, int64, F1, int64, int64))
 def add_cubic_stiffness(real_data, at, nq, z, q, out, corner, stride):
     """Adds minus the derivative of the forces to the nq x nq block at `corner`."""
     for k in range(nq):

@@ -2,9 +2,8 @@
 
 import math
 
-from numba import types
-
 from ..compiler.kernels import inner
+from ..compiler.types import void
 from ..compiler.vectors import formula
 from ..spatial.system_arrays import (
     C_GAMMA,
@@ -77,7 +76,7 @@ def add_term(system, work, r, term, value, rate, gamma):
     row.gamma += weight * gamma
 
 
-@inner(types.void(SYSTEM, WORK))
+@inner(void(SYSTEM, WORK))
 def clear_inactive_rows(system, work):
     """Constraint rows that are left out are zero, whatever the state."""
     for k in range(len(system.inactive_segments)):
@@ -88,7 +87,7 @@ def clear_inactive_rows(system, work):
             work.C[i] = 0.0
 
 
-@inner(types.void(SYSTEM, WORK))
+@inner(void(SYSTEM, WORK))
 def clear_inactive_derivatives(system, work):
     """The same of their derivatives, after the constraints were linearised."""
     for k in range(len(system.inactive_segments)):

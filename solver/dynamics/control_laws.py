@@ -10,10 +10,9 @@ import math
 from typing import Any
 
 from llvmlite import ir
-from numba import float64, int64
-from numba.extending import intrinsic
 
-from ..compiler.kernels import inner
+from ..compiler.inner_kernels import Intrinsic, inner
+from ..compiler.types import float64, int64
 from ..linear.block_factors import address_of_entry
 from .drives import function_value
 from .force_characteristics import passive_force
@@ -60,11 +59,11 @@ DIFFERENCE_STEP, SMALLEST_ARGUMENT = 6e-6, 1e-3
 FAILED_LAW, FAILURE_TIME, FAILURE_MEASURES = 0, 1, 2
 
 
-@intrinsic
-def _call_address(typing: Any, pointer: Any, t: Any, y: Any, i: Any):  # type: ignore[no-untyped-def]
+@Intrinsic
+def _call_address(pointer: Any, t: Any, y: Any, i: Any) -> Any:
     """Calls `double f(double t, double *y, long i)` at an address."""
 
-    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+    def generate(builder: Any, values: Any) -> Any:
         real, whole = ir.DoubleType(), ir.IntType(64)
         kind = ir.FunctionType(real, [real, whole, whole])
         function = builder.inttoptr(values[0], kind.as_pointer())

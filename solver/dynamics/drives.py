@@ -2,9 +2,8 @@
 
 import math
 
-from numba import float64, int64, types
-
 from ..compiler.kernels import entry, inner
+from ..compiler.types import UniTuple, float64, int64, void
 from ..spatial.system_arrays import (
     D_DATA,
     D_KIND,
@@ -20,7 +19,7 @@ from ..spatial.system_arrays import (
 )
 
 
-@inner(types.UniTuple(float64, 3)(SYSTEM, int64, float64, float64))
+@inner(UniTuple(float64, 3)(SYSTEM, int64, float64, float64))
 def function_value(system, drive, interval_time, t):
     """Value and two time derivatives at t.
 
@@ -110,7 +109,7 @@ def prescribed_value(system, work, con, t):
     return 0.0, 0.0, 0.0
 
 
-@entry(types.void(SYSTEM, int64, F1, F1, F2))
+@entry(void(SYSTEM, int64, F1, F1, F2))
 def function_values(system, drive, interval_times, times, values):
     """`function_value` at many times, into the rows of `values`."""
     for k in range(len(times)):

@@ -7,10 +7,9 @@ pointers through which Python and the integrators call them.
 from functools import cache
 from typing import Any
 
-from numba import float64, int64
-
 from ..compiler.arrays import Pointer
 from ..compiler.kernels import Entry, entry, inner
+from ..compiler.types import float64, int64
 from ..linear import accelerations, newton_matrix
 from ..linear.factor_storage import COMPLETE, EVALUATE, KERNELS, LINEARISE, Kernels
 from ..linear.joint_friction import linearise_friction, stick_constraints

@@ -6,9 +6,8 @@ Energies and momenta of bodies follow from eq. (12) and (24).
 import math
 from typing import Any
 
-from numba import types
-
 from ..compiler.kernels import Entry, entry, inner
+from ..compiler.types import void
 from ..spatial.algebra import (
     cross,
     dot,
@@ -203,8 +202,8 @@ def _set_state(work, k, interval_times, points, factors):
         work.force_scale[i] = factors[k, i]
 
 
-WRITE_FORCES = types.void(SYSTEM, WORK, OUTPUT_ARRAYS, F1, F1, F2, F3, F2, F2, F2)
-WRITE_BODIES = types.void(SYSTEM, WORK, OUTPUT_ARRAYS, F2, F2, F3)
+WRITE_FORCES = void(SYSTEM, WORK, OUTPUT_ARRAYS, F1, F1, F2, F3, F2, F2, F2)
+WRITE_BODIES = void(SYSTEM, WORK, OUTPUT_ARRAYS, F2, F2, F3)
 
 
 def _output_entry_kernels(view: Any, space: str) -> tuple[Entry, Entry]:

@@ -10,9 +10,8 @@ they change by -K^-1 (r, g) with K = [M, -C^T; C, 0], see `solve_columns`.
 
 import math
 
-from numba import float64, int64, types
-
 from ..compiler.kernels import entry, inner
+from ..compiler.types import float64, int64, void
 from ..linear.accelerations import solve_with_constraints
 from ..linear.factor_storage import KERNELS, MEMORY
 from ..linear.newton_matrix import add_mass_product
@@ -33,7 +32,7 @@ from .loop_state import copy
 from .projection import evaluate_accelerations
 
 
-@inner(types.void(SYSTEM, F1, F1, F1, F2, F2, F2))
+@inner(void(SYSTEM, F1, F1, F1, F2, F2, F2))
 def _rate_derivatives(system, z, v, unit, Z, by_position, to_tangent):
     """Derivatives of z_I' = Z z_II at a state, see `position_rates`; `unit` is 0."""
     for b in range(len(system.body)):
@@ -86,7 +85,7 @@ def _rate_derivatives(system, z, v, unit, Z, by_position, to_tangent):
         by_position[d, a], by_position[d, b1], by_position[d, c] = -w3, -w2, w1
 
 
-@entry(types.void(SYSTEM, F2, F2, F1, F3, F3, F3))
+@entry(void(SYSTEM, F2, F2, F1, F3, F3, F3))
 def rates_of_states(system, z, v, unit, Z, by_position, to_tangent):
     """Derivatives of z_I' = Z z_II of states, see `position_rates`.
 
@@ -101,7 +100,7 @@ def rates_of_states(system, z, v, unit, Z, by_position, to_tangent):
         _rate_derivatives(system, z[k], v[k], unit, Z[k], by_position[k], to_tangent[k])
 
 
-@inner(types.void(SYSTEM, WORK, F1, F1, float64, F1))
+@inner(void(SYSTEM, WORK, F1, F1, float64, F1))
 def _add_residual(system, work, a, lambda_, weight, out):
     """out += weight (r, g) at the state that was just evaluated."""
     n = len(work.f)
@@ -135,7 +134,7 @@ def accelerations_of_states(
     return 0
 
 
-@entry(types.void(KERNELS, SYSTEM, WORK, F1, F1, F2, F2, F2, F2, F2))
+@entry(void(KERNELS, SYSTEM, WORK, F1, F1, F2, F2, F2, F2, F2))
 def residuals_of_states(kernels, system, work, clocks, times, z, v, a, lambda_, out):
     """(r, g) of states, in the rows of `out`."""
     for k in range(len(times)):
@@ -146,7 +145,7 @@ def residuals_of_states(kernels, system, work, clocks, times, z, v, a, lambda_, 
         _add_residual(system, work, a[k], lambda_[k], 1.0, out[k])
 
 
-@entry(types.void(KERNELS, SYSTEM, WORK, F1, F1, F2, F2, F2))
+@entry(void(KERNELS, SYSTEM, WORK, F1, F1, F2, F2, F2))
 def constraints_of_states(kernels, system, work, clocks, times, z, v, out):
     """Values of the constraints, then their rates, in the rows of `out`."""
     for k in range(len(times)):
@@ -157,7 +156,7 @@ def constraints_of_states(kernels, system, work, clocks, times, z, v, out):
             out[k, system.n_rows + i] = work.row[i, C_RATE]
 
 
-@inner(types.void(SYSTEM, WORK, F2))
+@inner(void(SYSTEM, WORK, F2))
 def _write_derivatives(system, work, out):
     """Derivatives of (r, g) that `linearise` knows, a row of `out` per coordinate.
 
@@ -194,7 +193,7 @@ def _write_derivatives(system, work, out):
                     out[n + w + k, u + i] += work.C[to + i] * work.Gv[at + k]
 
 
-@entry(types.void(KERNELS, SYSTEM, WORK, F1, F1, F2, F2, F2, F2, F3))
+@entry(void(KERNELS, SYSTEM, WORK, F1, F1, F2, F2, F2, F2, F3))
 def linearise_states(kernels, system, work, clocks, times, z, v, a, lambda_, out):
     """Derivatives of (r, g) of states by tangent positions and velocities,
     (states, 2 n_velocities, rows), but for what `linearise` leaves out.
@@ -206,9 +205,7 @@ def linearise_states(kernels, system, work, clocks, times, z, v, a, lambda_, out
         _write_derivatives(system, work, out[k])
 
 
-@entry(
-    types.void(KERNELS, SYSTEM, WORK, F1, F1, F2, F2, F2, F2, I1, F1, F1, F1, F1, F3)
-)
+@entry(void(KERNELS, SYSTEM, WORK, F1, F1, F2, F2, F2, F2, I1, F1, F1, F1, F1, F3))
 def differentiate_states(
     kernels,
     system,
@@ -261,7 +258,7 @@ def _is_zero(x):
     return 1
 
 
-@inner(types.void(SYSTEM, WORK, MEMORY, F2))
+@inner(void(SYSTEM, WORK, MEMORY, F2))
 def _solve(system, work, memory, columns):
     """K^-1 (r, g) in place at the state whose accelerations were just evaluated."""
     n = len(work.f)
@@ -372,7 +369,7 @@ def slope_derivatives(
     return 0
 
 
-@inner(types.void(SYSTEM, WORK, float64, F2))
+@inner(void(SYSTEM, WORK, float64, F2))
 def _add_jacobian(system, work, weight, out):
     """out += weight C at the state that was just evaluated, (rows, n_velocities)."""
     for s in range(len(system.segment)):

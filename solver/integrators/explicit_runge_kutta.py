@@ -13,10 +13,9 @@ IV.2.
 
 import math
 
-from numba import boolean, float64, int64, types
-
 from ..compiler.kernels import entry, inner
 from ..compiler.tables import Table, TableType
+from ..compiler.types import boolean, float64, int64, void
 from ..linear.factor_storage import KERNELS, MEMORY
 from ..spatial.system_arrays import F1, F2, SYSTEM, WORK, Reals, Reals2
 from .dop853_tableau import END_STAGE, N_STAGES, TABLEAU
@@ -97,7 +96,7 @@ def new_slopes(n_positions: int, n_velocities: int) -> StageSlopes:
     return StageSlopes.zeros(Kz=(N_STAGES, n), Kv=(N_STAGES, m), **z, **v, p=(m,))
 
 
-@inner(types.void(F1, float64, F1, F2, int64, F1))
+@inner(void(F1, float64, F1, F2, int64, F1))
 def _add_slopes(y0, h, weights, K, count, y):
     """y = y0 + h (sum of weighted slopes)."""
     copy(y0, y)
@@ -153,7 +152,7 @@ def _estimate(kernels, system, work, memory, weights, control, slopes, h):
     return scaled_norm(slopes.dz, slopes.dv, control.scale_z, control.scale_v)
 
 
-@inner(types.void(CONTROL, STAGE_SLOPES, float64))
+@inner(void(CONTROL, STAGE_SLOPES, float64))
 def _count_stiff_steps(control, slopes, h):
     """Count steps at the limit of stability.
 
@@ -206,7 +205,7 @@ def _write_outputs(kernels, system, work, memory, tableau, control, slopes, h):
     return 0
 
 
-@inner(types.void(TABLEAU, F1, F1, F2, float64, float64, F1))
+@inner(void(TABLEAU, F1, F1, F2, float64, float64, F1))
 def _interpolate(tableau, y0, y1, K, h, x, y):
     """The polynomial with the states and slopes at both ends, and four terms more."""
     u = 1.0 - x

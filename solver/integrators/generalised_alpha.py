@@ -20,9 +20,8 @@ constrained flexible multibody systems. Mechanism and Machine Theory 48 (2012), 
 frames with body-resolved velocities.
 """
 
-from numba import float64, int64, types
-
 from ..compiler.kernels import inner
+from ..compiler.types import float64, int64, void
 from ..linear.factor_storage import KERNELS, MEMORY
 from ..linear.newton_matrix import index3_factor, index3_residual
 from ..linear.saddle_point import REGULARISATION, saddle_solve
@@ -64,7 +63,7 @@ NEWTON_GOAL = 0.03
 STAGNATION_FACTOR = 100.0
 
 
-@inner(types.void(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, ALPHA))
+@inner(void(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, ALPHA))
 def _begin_step(kernels, system, work, memory, control, alpha):
     """Slopes at the beginning."""
     old = control.old_step
@@ -79,7 +78,7 @@ def _begin_step(kernels, system, work, memory, control, alpha):
         _initial_jerk(kernels, system, work, memory, control, alpha)
 
 
-@inner(types.void(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, ALPHA))
+@inner(void(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, ALPHA))
 def _initial_jerk(kernels, system, work, memory, control, alpha):
     """The slope of the acceleration after a break, and the slope of that."""
     t, jerk_step = control.time, JERK_STEP * control.step
@@ -113,7 +112,7 @@ def _initial_jerk(kernels, system, work, memory, control, alpha):
     copy(alpha.lambda_, alpha.old_lambda)
 
 
-@inner(types.void(KERNELS, SYSTEM, CONTROL, ALPHA, float64))
+@inner(void(KERNELS, SYSTEM, CONTROL, ALPHA, float64))
 def _set_end_state(kernels, system, control, alpha, h):
     """z_I, z_II and z_II' at the end of the step from a1.
 
@@ -132,7 +131,7 @@ def _set_end_state(kernels, system, control, alpha, h):
     update_along_chord(system, control.z, alpha.dx, alpha.rz, alpha.z1)
 
 
-@inner(types.void(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, ALPHA, float64))
+@inner(void(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, ALPHA, float64))
 def _predict_step(kernels, system, work, memory, control, alpha, h):
     """Set a and v of the algorithm for the next step, and predict a1 and lambda.
 
@@ -284,7 +283,7 @@ def _error_order(alpha):
     return 1
 
 
-@inner(types.void(KERNELS, SYSTEM, CONTROL, ALPHA, float64))
+@inner(void(KERNELS, SYSTEM, CONTROL, ALPHA, float64))
 def _predict_step_end(kernels, system, control, alpha, h):
     """The end of the step if accelerations stay as they are; `a` may be off."""
     for i in range(len(alpha.v1)):

@@ -3,12 +3,12 @@
 import math
 
 import numpy as np
-from numba import boolean, float64, int64, types
 
 from sidtool.formats.base.sid import Array
 
 from ..compiler.kernels import inner
 from ..compiler.tables import Table, TableType
+from ..compiler.types import boolean, float64, int64, void
 from ..linear.factor_storage import KERNELS, MEMORY
 from ..linear.joint_friction import friction_determinant
 from ..linear.newton_matrix import add_mass_product
@@ -226,7 +226,7 @@ def inertia_weight(alpha):
     return (1.0 - w.alpha_m) / (w.beta * (1.0 - w.alpha_f))
 
 
-@inner(types.void(SYSTEM, MEMORY, ALPHA, F1))
+@inner(void(SYSTEM, MEMORY, ALPHA, F1))
 def apply_newton_matrix(system, memory, alpha, x):
     """Passes a tangent vector through the Newton matrix, into p."""
     for i in range(len(alpha.p)):
@@ -341,7 +341,7 @@ def _unconstrained_error(kernels, system, work, memory, control, alpha, h):
     return max(error, _rotation_interpolation_error(system, control, h))
 
 
-@inner(types.void(CONTROL, ALPHA))
+@inner(void(CONTROL, ALPHA))
 def accumulate_error(control, alpha):
     """Accumulate the errors of steps, in units of the tolerated total error.
 

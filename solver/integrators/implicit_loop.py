@@ -6,9 +6,8 @@ A method provides five inner kernels; what it stores between them is its storage
 import math
 from typing import Any
 
-from numba import float64, int64, types
-
 from ..compiler.kernels import Entry, entry, inner
+from ..compiler.types import float64, int64, void
 from ..linear.factor_storage import KERNELS, MEMORY
 from ..linear.mass_matrix import constraint_independence
 from ..spatial.system_arrays import SYSTEM, WORK
@@ -109,7 +108,7 @@ def step_loop(
         control.jacobian = STEP_END_JACOBIAN
 
     linearise_at_step_end = inner(
-        types.void(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, storage_type, float64)
+        void(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, storage_type, float64)
     )(linearise_at_step_end)
 
     def independence_at(kernels, system, work, memory, control, storage, later):  # type: ignore[no-untyped-def]
@@ -158,7 +157,7 @@ def step_loop(
         """In the place of `correct_singular_time` in a loop that returns before."""
 
     correct_singular_time = inner(
-        types.void(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, storage_type)
+        void(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, storage_type)
     )(keep_singular_time if returns_near_singular else correct_singular_time)
 
     def advance(kernels, system, work, memory, control, storage, limit):  # type: ignore[no-untyped-def]

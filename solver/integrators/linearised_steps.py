@@ -18,10 +18,9 @@ mu          eigenvalues of A^-1 over h, of each pair one
 ==========  ==================================================================
 """
 
-from numba import complex128, float64, int64, types
-
 from ..compiler.inner_kernels import quotient
 from ..compiler.kernels import entry, inner
+from ..compiler.types import complex128, float64, int64, void
 from ..spatial.system_arrays import C1, F1, F2, F3, I1
 from .loop_state import copy
 
@@ -31,7 +30,7 @@ TOLERANCE = 1e-13
 ROUNDING, MAX_ITERATIONS = 1e-10, 50
 
 
-@inner(types.void(F2, int64, int64, int64, int64, F1, int64, F1, int64))
+@inner(void(F2, int64, int64, int64, int64, F1, int64, F1, int64))
 def _add_product(F, row, column, m, n, x, first, out, to):
     """out[to:] += F^T x[first:] with the m x n block of F at a row and a column."""
     k = 0
@@ -50,7 +49,7 @@ def _add_product(F, row, column, m, n, x, first, out, to):
         k += 1
 
 
-@inner(types.void(F2, F1, F1))
+@inner(void(F2, F1, F1))
 def _apply(F, x, out):
     """out = F x, with the columns of F in its rows."""
     for j in range(len(out)):
@@ -58,7 +57,7 @@ def _apply(F, x, out):
     _add_product(F, 0, 0, len(x), len(out), x, 0, out, 0)
 
 
-@inner(types.void(F2, F2, F2))
+@inner(void(F2, F2, F2))
 def _transform(matrix, x, out):
     """out = matrix x for the stages x."""
     for i in range(x.shape[0]):
@@ -137,7 +136,7 @@ def _factor(F, nz, h, eigenvalues, product, real, imaginary, pivots):
     return 0
 
 
-@inner(types.void(complex128, int64, int64, F2, F2))
+@inner(void(complex128, int64, int64, F2, F2))
 def _multiply(factor, part, nz, x, out):
     """Velocities of `out` = factor x for the rows of a part, complex but for one."""
     re, im = max(0, 2 * part - 1), 2 * part
@@ -148,7 +147,7 @@ def _multiply(factor, part, nz, x, out):
             out[im, k] = factor.real * b + factor.imag * a
 
 
-@inner(types.void(F2, int64, float64, C1, F2, F2, F3, F3, F2, F2, F2))
+@inner(void(F2, int64, float64, C1, F2, F2, F3, F3, F2, F2, F2))
 def _precondition(
     F, nz, h, eigenvalues, to_pairs, from_pairs, real, imaginary, r, w, out
 ):

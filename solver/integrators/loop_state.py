@@ -1,9 +1,8 @@
 """State of a step loop, and the codes with which one returns."""
 
-from numba import types
-
 from ..compiler.kernels import inner
 from ..compiler.tables import Table, TableType
+from ..compiler.types import void
 from ..spatial.system_arrays import F1, Integers, Reals, Reals2
 
 #: Of a step before, of the beginning of this step, or of its end.
@@ -180,7 +179,7 @@ class StepLoopState(Table):
 CONTROL = TableType(StepLoopState)
 
 
-@inner(types.void(F1, F1))
+@inner(void(F1, F1))
 def copy(source, target):
     for i in range(len(source)):
         target[i] = source[i]

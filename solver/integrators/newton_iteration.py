@@ -2,9 +2,8 @@
 
 import math
 
-from numba import float64, int64, types
-
 from ..compiler.kernels import inner
+from ..compiler.types import float64, int64, void
 from ..linear.factor_storage import KERNELS, MEMORY
 from ..spatial.system_arrays import F1, SYSTEM, WORK
 from .loop_state import CONTROL, CURRENT_JACOBIAN, OLD_JACOBIAN, STEP_END_JACOBIAN
@@ -80,14 +79,14 @@ def check_convergence(control, tolerance, iteration, norm, old_norm):
     return 0
 
 
-@inner(types.void(CONTROL))
+@inner(void(CONTROL))
 def decay_contraction_rate(control):
     """Let a single iteration suffice while the contraction was estimated recently."""
     known = max(control.contraction, LEAST_CONTRACTION)
     control.contraction = known**CONTRACTION_DECAY
 
 
-@inner(types.void(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, float64, F1, F1))
+@inner(void(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, float64, F1, F1))
 def linearise_here(kernels, system, work, memory, control, t, z, v):
     """Linearises at a state that was just evaluated and solved."""
     kernels.linearise(system, work, t, z, v, memory.acceleration, memory.multiplier)
@@ -96,7 +95,7 @@ def linearise_here(kernels, system, work, memory, control, t, z, v):
     control.factored_step = 0.0
 
 
-@inner(types.void(KERNELS, SYSTEM, WORK, MEMORY, CONTROL))
+@inner(void(KERNELS, SYSTEM, WORK, MEMORY, CONTROL))
 def relinearise_at_step_start(kernels, system, work, memory, control):
     """Linearises at the current state again, after others were evaluated."""
     t, z, v = control.time, control.z, control.v

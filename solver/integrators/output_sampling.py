@@ -2,9 +2,8 @@
 
 import math
 
-from numba import boolean, float64, int64, types
-
 from ..compiler.kernels import entry, inner
+from ..compiler.types import boolean, float64, int64, void
 from ..linear.factor_storage import KERNELS, MEMORY
 from ..linear.joint_friction import contact_force, coordinate_rate
 from ..linear.mass_matrix import (
@@ -81,7 +80,7 @@ def step_fraction(control, k, h):
     return control.output_fractions[k - count]
 
 
-@inner(types.void(CONTROL, float64, F1, F1))
+@inner(void(CONTROL, float64, F1, F1))
 def advance_state(control, h, z, v):
     """Make the state at the end of a step the current one."""
     copy(z, control.z)
@@ -92,7 +91,7 @@ def advance_state(control, h, z, v):
         control.time = control.stop
 
 
-@inner(types.void(KERNELS, SYSTEM, MEMORY, CONTROL, float64, F1, F1, F1, F1, F1))
+@inner(void(KERNELS, SYSTEM, MEMORY, CONTROL, float64, F1, F1, F1, F1, F1))
 def write_cubic(kernels, system, memory, control, h, z1, v1, rate0, acc0, rate1):
     """Dense output: the cubic with the states and slopes at both ends of the step."""
     k = next_output_row(control, h)
@@ -131,7 +130,7 @@ def evaluate_start(kernels, system, work, memory, t, z, v):
 N_FRICTION_OUTPUT = OUTPUT_CONTACT_FORCE + MAX_CONTACTS
 
 
-@inner(types.void(SYSTEM, WORK, MEMORY, F2))
+@inner(void(SYSTEM, WORK, MEMORY, F2))
 def write_friction_output(system, work, memory, output):
     """Force, load, rate, acceleration and value of the coordinates with friction.
 
@@ -151,7 +150,7 @@ def write_friction_output(system, work, memory, output):
             output[j, OUTPUT_CONTACT_FORCE + contact] = contact_force_
 
 
-@entry(types.void(KERNELS, SYSTEM, WORK, MEMORY, F1, F2, F2, F3))
+@entry(void(KERNELS, SYSTEM, WORK, MEMORY, F1, F2, F2, F3))
 def evaluate_friction(kernels, system, work, memory, times, z, v, output):
     """Evaluate joint friction in some states of one smooth interval, with the given
     friction states.
@@ -170,7 +169,7 @@ def evaluate_friction(kernels, system, work, memory, times, z, v, output):
                 )
 
 
-@entry(types.void(KERNELS, SYSTEM, WORK, F1, F1, F2, F2, F2))
+@entry(void(KERNELS, SYSTEM, WORK, F1, F1, F2, F2, F2))
 def evaluate_jacobians(kernels, system, work, times, interval_times, z, v, C):
     """`WorkArrays.C` of some states, into the rows of C."""
     for k in range(len(times)):
@@ -180,7 +179,7 @@ def evaluate_jacobians(kernels, system, work, times, interval_times, z, v, C):
 
 
 @inner(
-    types.void(
+    void(
         *[KERNELS, SYSTEM, WORK, MEMORY, F2, float64, float64],
         *[F1, F1, F1, F1, F1, I1, I1, F1],
     )
@@ -274,7 +273,7 @@ def _largest_multiplier(system, memory, multiplier):
 
 
 @entry(
-    types.void(
+    void(
         *[KERNELS, SYSTEM, WORK, MEMORY, F2, F1, F1, F2, F2, F2, F2, F3, F3],
         *[F2, F2, F2, F3, I2, F1, F1, F1],
     )

@@ -1,8 +1,7 @@
 """Projection onto the constraints, eq. (18), and update of the rotation counters."""
 
-from numba import float64, int64, types
-
 from ..compiler.kernels import inner
+from ..compiler.types import float64, int64, void
 from ..linear.factor_storage import KERNELS, MEMORY
 from ..linear.saddle_point import REGULARISATION
 from ..spatial.system_arrays import (
@@ -112,7 +111,7 @@ def project_state(kernels, system, work, memory, t, z, v, dz, dv, constraint_tol
     return 3
 
 
-@inner(types.void(SYSTEM, WORK, F1, int64))
+@inner(void(SYSTEM, WORK, F1, int64))
 def constraint_velocities(system, work, x, column):
     """C x of a tangent vector x, into a column of the rows."""
     for i in range(system.n_rows):
@@ -125,7 +124,7 @@ def constraint_velocities(system, work, x, column):
             work.row[row, column] += work.C[at + i] * x[first + i]
 
 
-@inner(types.void(SYSTEM, WORK, CONTROL))
+@inner(void(SYSTEM, WORK, CONTROL))
 def record_drift(system, work, control):
     """Update the largest residuals of the constraints that were just evaluated."""
     for i in range(system.n_rows):

@@ -8,9 +8,8 @@ E. Hairer, G. Wanner: Solving Ordinary Differential Equations II, section IV.8.
 import math
 from typing import Any
 
-from numba import boolean, float64, int64, types
-
 from ..compiler.kernels import inner
+from ..compiler.types import boolean, float64, int64, void
 from ..linear.factor_storage import KERNELS, MEMORY
 from ..spatial.system_arrays import SYSTEM, WORK
 from .implicit_loop import step_loop
@@ -68,7 +67,7 @@ def radau_newton(kernels, system, work, memory, control, stages, h):
     return 0
 
 
-@inner(types.void(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, STAGES, float64))
+@inner(void(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, STAGES, float64))
 def _keep_full_error(kernels, system, work, memory, control, stages, h):
     """Far from singular configurations all of an error counts."""
 
@@ -121,7 +120,7 @@ def error_estimate(filter_error: Any) -> Any:
     return inner(signature)(error)
 
 
-@inner(types.void(CONTROL, STAGES, float64))
+@inner(void(CONTROL, STAGES, float64))
 def _write_outputs(control, stages, h):
     """Dense output: the collocation polynomial at the output times inside the step."""
     method = stages.tableau
@@ -162,7 +161,7 @@ def radau_accept(kernels, system, work, memory, control, stages, h):
     return 0
 
 
-@inner(types.void(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, STAGES))
+@inner(void(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, STAGES))
 def radau_begin_step(kernels, system, work, memory, control, stages):
     """Slopes at the beginning of the step."""
     kernels.rate(system, control.z, control.v, stages.rate0)
@@ -280,7 +279,7 @@ def _adams_step(kernels, system, work, memory, control, stages, h):
     return iteration if status == 0 else 0
 
 
-@inner(types.void(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, STAGES, float64))
+@inner(void(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, STAGES, float64))
 def _keep_free_error(kernels, system, work, memory, control, stages, h):
     """Remove from the error what the projection removes from the end of the step."""
     set_end_state(control, stages)

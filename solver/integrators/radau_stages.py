@@ -13,12 +13,12 @@ from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import complex128, float64, int64, types
 
 from sidtool.formats.base.sid import Array
 
 from ..compiler.kernels import inner
 from ..compiler.tables import Table, TableType
+from ..compiler.types import complex128, float64, int64, void
 from ..linear.factor_storage import KERNELS, MEMORY
 from ..spatial.system_arrays import F1, F2, SYSTEM, WORK, Complexes, Reals, Reals2
 from .loop_state import CONTROL, copy
@@ -167,7 +167,7 @@ def stages_maker(system: System, s: int) -> Callable[[], RadauStages]:
     return RadauStages.maker(tableau=radau_tableau(s), **stage_z, **stage_v, **z, **v)
 
 
-@inner(types.void(CONTROL, STAGES, float64))
+@inner(void(CONTROL, STAGES, float64))
 def predict_stages(control, stages, h):
     """Predict Z by the last collocation polynomial.
 
@@ -201,7 +201,7 @@ def predict_stages(control, stages, h):
                 stages.Zv[i, n] += weight * stages.old_Zv[j, n]
 
 
-@inner(types.void(F2, F2, F2))
+@inner(void(F2, F2, F2))
 def transform(matrix, source, out):
     """out = matrix source for small matrices."""
     s, n = source.shape
@@ -220,7 +220,7 @@ def _eigenvalue(method, k, h):
     return complex(nu.real / h, nu.imag / h)
 
 
-@inner(types.void(complex128, F1, F1, F1, F1))
+@inner(void(complex128, F1, F1, F1, F1))
 def _subtract_complex_product(nu, w_real, w_imag, f_real, f_imag):
     """f -= nu w, in real and imaginary parts."""
     for i in range(len(f_real)):
@@ -242,7 +242,7 @@ def factor_newton_matrices(kernels, system, work, memory, stages, h):
     return status
 
 
-@inner(types.void(KERNELS, SYSTEM, WORK, MEMORY, STAGES, float64))
+@inner(void(KERNELS, SYSTEM, WORK, MEMORY, STAGES, float64))
 def solve_stage_correction(kernels, system, work, memory, stages, h):
     """One Newton correction of W, returned in F, which held the transformed slopes."""
     method = stages.tableau
@@ -278,7 +278,7 @@ def solve_stage_correction(kernels, system, work, memory, stages, h):
             stages.Fv[b, i] = stages.crv[i].imag
 
 
-@inner(types.void(CONTROL, STAGES))
+@inner(void(CONTROL, STAGES))
 def set_end_state(control, stages):
     """The last stage, into z1 and v1."""
     s = len(stages.tableau.c)
@@ -319,7 +319,7 @@ def newton_correction(kernels, system, work, memory, control, stages, h):
     return math.sqrt(norm)
 
 
-@inner(types.void(STAGES))
+@inner(void(STAGES))
 def apply_correction(stages):
     """Adds F to W."""
     for i in range(len(stages.Wz)):
@@ -331,7 +331,7 @@ def apply_correction(stages):
     transform(stages.tableau.T, stages.Wv, stages.Zv)
 
 
-@inner(types.void(CONTROL, STAGES, float64))
+@inner(void(CONTROL, STAGES, float64))
 def predict_from_last_polynomial(control, stages, h):
     """Predict Z by extrapolation of the polynomial of the last accepted step."""
     for i in range(len(stages.Zz)):
@@ -342,7 +342,7 @@ def predict_from_last_polynomial(control, stages, h):
     predict_stages(control, stages, h)
 
 
-@inner(types.void(KERNELS, SYSTEM, CONTROL, STAGES, float64))
+@inner(void(KERNELS, SYSTEM, CONTROL, STAGES, float64))
 def predict_step_end(kernels, system, control, stages, h):
     """Predict the end of the step from the last step; without one, from the slopes."""
     if control.old_step > 0.0:

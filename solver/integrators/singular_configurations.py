@@ -7,9 +7,8 @@ constraints beside it.
 
 import math
 
-from numba import boolean, float64, int64, types
-
 from ..compiler.kernels import inner
+from ..compiler.types import boolean, float64, int64, void
 from ..linear.factor_storage import KERNELS, MEMORY
 from ..linear.mass_matrix import constraint_independence
 from ..linear.saddle_point import REGULARISATION
@@ -202,7 +201,7 @@ def project_near_singularity(kernels, system, work, memory, control, t, z, v, dz
     return evaluate_accelerations(kernels, system, work, memory, t, z, v)
 
 
-@inner(types.void(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, float64, F1, F1, F1, F1, F1))
+@inner(void(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, float64, F1, F1, F1, F1, F1))
 def project_velocity_error(
     kernels, system, work, memory, control, h, z1, v1, error, dz, dv
 ):
@@ -229,7 +228,7 @@ def project_velocity_error(
 STEP_START, STEP_LENGTH, STEP_STATES = range(3)
 
 
-@inner(types.void(CONTROL, float64, float64, float64, F1, F1))
+@inner(void(CONTROL, float64, float64, float64, F1, F1))
 def record_crossing(control, h, before, slope, z1, v1):
     """Stores the states at both ends of a step that may pass a singular configuration.
 

@@ -2,9 +2,8 @@
 
 import math
 
-from numba import boolean, float64, int64, types
-
 from ..compiler.kernels import inner
+from ..compiler.types import boolean, float64, int64, void
 from ..spatial.system_arrays import F1, WORK
 from .loop_state import CONTROL, RETRY_FRACTION
 
@@ -219,7 +218,7 @@ def check_measure_paths(work, control, h):
     return _end_step_at_corner(work, control, h)
 
 
-@inner(types.void(CONTROL))
+@inner(void(CONTROL))
 def store_measures(control):
     """Store the measures at the end of a step as the current ones."""
     measured = control.force_measures

@@ -2,9 +2,8 @@
 
 import math
 
-from numba import boolean, float64, int64, types
-
 from ..compiler.kernels import inner
+from ..compiler.types import boolean, float64, int64, void
 from ..linear.factor_storage import MEMORY
 from ..spatial.system_arrays import F1, LAW_STATE, SYSTEM
 from .loop_state import CONTROL, END_TOLERANCE
@@ -106,7 +105,7 @@ def step_size_factor(order, error, iterations):
     return min(8.0, max(0.15, safety * max(error, 1e-10) ** (-1.0 / (order + 1))))
 
 
-@inner(types.void(CONTROL, int64, float64, float64, float64, int64, int64))
+@inner(void(CONTROL, int64, float64, float64, float64, int64, int64))
 def choose_next_step(
     control, order, jacobian_contraction, h, error, iterations, failures
 ):
@@ -135,7 +134,7 @@ def choose_next_step(
     control.step = h * factor
 
 
-@inner(types.void(CONTROL, int64, float64, float64, float64, int64, int64))
+@inner(void(CONTROL, int64, float64, float64, float64, int64, int64))
 def choose_next_step_in_stages(
     control, order, jacobian_contraction, h, error, iterations, failures
 ):
@@ -157,7 +156,7 @@ def choose_next_step_in_stages(
         control.step = GROWTH_FACTOR * h
 
 
-@inner(types.void(SYSTEM, MEMORY, CONTROL))
+@inner(void(SYSTEM, MEMORY, CONTROL))
 def update_error_scales(system, memory, control):
     """Update the largest motion so far, and its present rate of change."""
     z, v, a = control.z, control.v, memory.acceleration
@@ -205,7 +204,7 @@ def update_error_scales(system, memory, control):
     )
 
 
-@inner(float64(SYSTEM, MEMORY, CONTROL, types.int64))
+@inner(float64(SYSTEM, MEMORY, CONTROL, int64))
 def _update_deformation(system, memory, control, b):
     """Update the scales of elastic coordinates and the largest elastic displacement.
 
@@ -246,7 +245,7 @@ def _update_deformation(system, memory, control, b):
     return control.largest_deformation[b]
 
 
-@inner(float64(F1, types.int64, types.int64))
+@inner(float64(F1, int64, int64))
 def _norm(x, first, end):
     total = 0.0
     for i in range(first, end):
@@ -254,7 +253,7 @@ def _norm(x, first, end):
     return math.sqrt(total)
 
 
-@inner(float64(F1, F1, types.int64, types.int64))
+@inner(float64(F1, F1, int64, int64))
 def _distance(x, y, first, end):
     total = 0.0
     for i in range(first, end):
@@ -262,7 +261,7 @@ def _distance(x, y, first, end):
     return math.sqrt(total)
 
 
-@inner(types.void(SYSTEM, CONTROL, float64))
+@inner(void(SYSTEM, CONTROL, float64))
 def set_error_tolerances(system, control, h):
     """Set the tolerated errors of a step.
 

@@ -13,10 +13,9 @@ M. E. Hosea, L. F. Shampine: Analysis and implementation of TR-BDF2. Applied Num
 Mathematics 20 (1996).
 """
 
-from numba import float64, int64, types
-
 from ..compiler.kernels import inner
 from ..compiler.tables import Table, TableType
+from ..compiler.types import float64, int64, void
 from ..linear.factor_storage import KERNELS, MEMORY
 from ..spatial.system_arrays import SYSTEM, WORK, Reals
 from .implicit_loop import step_loop
@@ -58,7 +57,7 @@ def new_slopes(n_positions: int, n_velocities: int) -> TrapezoidalSlopes:
     return TrapezoidalSlopes.zeros(**z, **v)
 
 
-@inner(types.void(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, SLOPES))
+@inner(void(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, SLOPES))
 def begin_step(kernels, system, work, memory, control, slopes):
     """Shifts the slopes by one step."""
     copy(slopes.rate0, slopes.old_rate)
@@ -67,7 +66,7 @@ def begin_step(kernels, system, work, memory, control, slopes):
     copy(memory.acceleration, slopes.acc0)
 
 
-@inner(types.void(KERNELS, SYSTEM, CONTROL, SLOPES, float64))
+@inner(void(KERNELS, SYSTEM, CONTROL, SLOPES, float64))
 def predict(kernels, system, control, slopes, h):
     """Predict the end of the step: slopes continue to change as before."""
     old = control.old_step

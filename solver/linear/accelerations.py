@@ -1,8 +1,7 @@
 """Accelerations, multipliers, friction forces and projections, eq. (3) and (18)."""
 
-from numba import float64, int64, types
-
 from ..compiler.kernels import entry, inner
+from ..compiler.types import float64, int64, void
 from ..spatial.system_arrays import (
     C_GAMMA,
     C_RATE,
@@ -53,7 +52,7 @@ def _constraint_residual(system, work, memory, x, weight):
     return largest / max(size, 1e-300)
 
 
-@inner(types.void(SYSTEM, WORK, MEMORY, F1, F1, float64))
+@inner(void(SYSTEM, WORK, MEMORY, F1, F1, float64))
 def solve_with_constraints(system, work, memory, x, mu, weight):
     """Solve for accelerations x and multipliers mu of the generalised forces in x.
 

@@ -5,17 +5,18 @@ function pointers of scipy; see `LARGE`. Elastic coordinates at the end of a blo
 are weakly coupled are eliminated first.
 """
 
+import ctypes
 from functools import cache
+from importlib import import_module
 from typing import Annotated, Any
 
 import numpy as np
-from numba import float64, int64, types
-from numba.extending import get_cython_function_address, intrinsic
+from llvmlite import ir
 
 from ..compiler.arrays import Pointer, PointerType
-from ..compiler.inner_kernels import quotient
-from ..compiler.kernels import inner
+from ..compiler.inner_kernels import Intrinsic, inner, quotient
 from ..compiler.tables import Table, TableType
+from ..compiler.types import float64, int64, void
 from ..spatial.system_arrays import C1, F1, I1, SYSTEM, Integers
 
 #: Blocks from this size on go to LAPACK: measured, real blocks.
@@ -25,8 +26,8 @@ LARGE_BLOCK = 24
 SIZE, ONE, INFO, TRANSPOSED = range(4)
 
 
-FACTOR = types.void(*[int64] * 6)
-SOLVE = types.void(*[int64] * 9)
+FACTOR = void(*[int64] * 6)
+SOLVE = void(*[int64] * 9)
 
 #: Blocks below this size are factored as they are, and B is below that of LAPACK.
 SMALL_BLOCK = 16
@@ -54,6 +55,17 @@ class Lapack(Table):
 LAPACK = TableType(Lapack)
 
 
+def cython_function_address(module: str, name: str) -> int:
+    """Address of a function in C that a module of Cython exports."""
+    capsule = import_module(module).__pyx_capi__[name]
+    get_name = ctypes.pythonapi.PyCapsule_GetName
+    get_name.restype, get_name.argtypes = ctypes.c_char_p, [ctypes.py_object]
+    get_pointer = ctypes.pythonapi.PyCapsule_GetPointer
+    get_pointer.restype = ctypes.c_void_p
+    get_pointer.argtypes = [ctypes.py_object, ctypes.c_char_p]
+    return int(get_pointer(capsule, get_name(capsule)))
+
+
 @cache
 def lapack_routines(kind: str, largest: int) -> Lapack:
     """LAPACK routines for real ("d") or complex ("z") blocks up to a size.
@@ -63,7 +75,7 @@ def lapack_routines(kind: str, largest: int) -> Lapack:
     module = "scipy.linalg.cython_lapack"
     names = (f"{kind}getrf", f"{kind}getrs")
     addresses = [
-        get_cython_function_address(module, name) if largest >= LARGE_BLOCK else 0
+        cython_function_address(module, name) if largest >= LARGE_BLOCK else 0
         for name in names
     ]
     arguments = np.array([0, 1, 0, ord("T")], np.int64)
@@ -71,13 +83,13 @@ def lapack_routines(kind: str, largest: int) -> Lapack:
     return Lapack(factor=factor, solve=solve, arguments=arguments)
 
 
-@intrinsic
-def address_of_entry(typing: Any, array: Any, index: Any):  # type: ignore[no-untyped-def]
+@Intrinsic
+def address_of_entry(array: Any, index: Any) -> Any:
     """Address of one entry of a vector."""
 
-    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+    def generate(builder: Any, values: Any) -> Any:
         place = builder.gep(builder.extract_value(values[0], 0), [values[1]])
-        return builder.ptrtoint(place, context.get_value_type(int64))
+        return builder.ptrtoint(place, ir.IntType(64))
 
     return int64(array, int64), generate
 
@@ -168,7 +180,7 @@ def lu_factor(A, o, stride, n, pivots, first):
     return 0
 
 
-@inner(*[types.void(A, int64, int64, int64, I1, int64, A, int64) for A in (F1, C1)])
+@inner(*[void(A, int64, int64, int64, I1, int64, A, int64) for A in (F1, C1)])
 def lu_solve(A, o, stride, n, pivots, first, x, at):
     """Solves with a factor of `lu_factor`; x[at:at+n] is overwritten."""
     for j in range(n):
@@ -187,7 +199,7 @@ def lu_solve(A, o, stride, n, pivots, first, x, at):
         x[at + i] = quotient(total, A[o + i * stride + i])
 
 
-@inner(*[types.void(A, int64, int64, int64) for A in (F1, C1)])
+@inner(*[void(A, int64, int64, int64) for A in (F1, C1)])
 def _eliminate_weakly_coupled(A, o, n, b):
     """Replace D and L by D^-1 and D^-1 L, then B by B - U D^-1 L."""
     for i in range(b, n):
@@ -225,7 +237,7 @@ def block_factor(system, lapack, A, body, pivots):
     return lu_factor(A, o, n, n_full, pivots, first)
 
 
-@inner(*[types.void(SYSTEM, LAPACK, A, int64, I1, A, int64) for A in (F1, C1)])
+@inner(*[void(SYSTEM, LAPACK, A, int64, I1, A, int64) for A in (F1, C1)])
 def block_solve(system, lapack, A, body, pivots, x, at):
     """Solves with a factor of `block_factor`; x[at:] is overwritten."""
     row = system.body[body]

@@ -11,9 +11,8 @@ last prescribed body to the first.
 
 import math
 
-from numba import int64, types
-
 from ..compiler.kernels import entry, inner
+from ..compiler.types import int64, void
 from ..spatial.system_arrays import F1, F2, I1, I2, SYSTEM, WORK
 from .factor_storage import KERNELS
 from .mass_matrix import mass_row_product
@@ -26,7 +25,7 @@ MAX_ROWS = 6
 N_DRIVEN_JOINT = D_ROWS + MAX_ROWS
 
 
-@inner(types.void(SYSTEM, WORK, int64, F1, F1, F1, F1))
+@inner(void(SYSTEM, WORK, int64, F1, F1, F1, F1))
 def _frame_residual(system, work, b, acceleration, multipliers, friction, residual):
     """M z_II' - f - C^T lambda of the frame of a body, without the unknown
     multipliers.
@@ -69,7 +68,7 @@ def _solve_joint_multipliers(
     return 0
 
 
-@entry(types.void(KERNELS, SYSTEM, WORK, I2, F1, F1, F2, F2, F2, F2, F2, F2, I1))
+@entry(void(KERNELS, SYSTEM, WORK, I2, F1, F1, F2, F2, F2, F2, F2, F2, I1))
 def driven_joint_reactions(
     kernels,
     system,

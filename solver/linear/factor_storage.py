@@ -2,10 +2,9 @@
 
 from typing import Annotated, Any
 
-from numba import complex128, float64, int64, types
-
 from ..compiler.arrays import PointerType
 from ..compiler.tables import Table, TableType
+from ..compiler.types import complex128, float64, int64, void
 from ..spatial.coordinates import RATE, RETRACT
 from ..spatial.system_arrays import (
     C1,
@@ -121,18 +120,18 @@ class Memory(Table):
 MEMORY = TableType(Memory)
 
 #: evaluate(system, work, t, z_I, z_II)
-EVALUATE = types.void(SYSTEM, WORK, float64, F1, F1)
+EVALUATE = void(SYSTEM, WORK, float64, F1, F1)
 #: linearise(system, work, t, z_I, z_II, z_II', lambda), after evaluate at that state
-LINEARISE = types.void(SYSTEM, WORK, float64, F1, F1, F1, F1)
+LINEARISE = void(SYSTEM, WORK, float64, F1, F1, F1, F1)
 #: complete(system, work, z_II'), after evaluate at that state
-COMPLETE = types.void(SYSTEM, WORK, F1)
+COMPLETE = void(SYSTEM, WORK, F1)
 SOLVE_ACCELERATIONS = int64(SYSTEM, WORK, MEMORY)
 PROJECT_ONCE = int64(SYSTEM, WORK, MEMORY, float64, F1, F1)
-STORE_LINEARISATION = types.void(SYSTEM, WORK, MEMORY)
+STORE_LINEARISATION = void(SYSTEM, WORK, MEMORY)
 FACTOR_REAL = int64(SYSTEM, WORK, MEMORY, REAL_FACTORS, int64, float64)
 FACTOR_COMPLEX = int64(SYSTEM, WORK, MEMORY, COMPLEX_FACTORS, int64, complex128)
-SOLVE_REAL = types.void(*FACTOR_REAL.args, F1, F1)
-SOLVE_COMPLEX = types.void(*FACTOR_COMPLEX.args, C1, C1)
+SOLVE_REAL = void(*FACTOR_REAL.args, F1, F1)
+SOLVE_COMPLEX = void(*FACTOR_COMPLEX.args, C1, C1)
 
 
 class Kernels(Table):

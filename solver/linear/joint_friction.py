@@ -17,9 +17,8 @@ factors of the equations of the bodies stay symmetric; few equations for t remai
 
 import math
 
-from numba import float64, int64, types
-
 from ..compiler.kernels import inner
+from ..compiler.types import UniTuple, float64, int64, void
 from ..spatial.system_arrays import (
     AT_LIMIT,
     C_GAMMA,
@@ -64,7 +63,7 @@ COMPLIANCE_ROUNDS, COMPLIANCE_CHANGE = 40, 1e-13
 NO_FRICTION_SOLUTION = 6
 
 
-@inner(types.UniTuple(float64, 2)(SYSTEM, int64, float64))
+@inner(UniTuple(float64, 2)(SYSTEM, int64, float64))
 def friction_limit(system, j, rate):
     """Friction of a unit load at a rate of the coordinate, and its derivative."""
     law, real_data = system.friction[j, R_LAW], system.real_data
@@ -81,7 +80,7 @@ def friction_limit(system, j, rate):
     return size, -2.0 * radius * radius * stribeck * x / width
 
 
-@inner(types.UniTuple(float64, 2)(SYSTEM, int64, int64, F1))
+@inner(UniTuple(float64, 2)(SYSTEM, int64, int64, F1))
 def contact_force(system, j, contact, multiplier):
     """Contact force of a joint at one contact point, in two directions
     across its axis.
@@ -132,7 +131,7 @@ def d_joint_load(system, j, multiplier, r):
     return total
 
 
-@inner(types.void(SYSTEM, WORK, F2))
+@inner(void(SYSTEM, WORK, F2))
 def friction_directions(system, work, X):
     """Generalised forces of unit forces along the coordinates."""
     table = system.friction_subsystem.segment
@@ -159,7 +158,7 @@ def coordinate_rate(system, work, j, x):
     return total
 
 
-@inner(types.void(SYSTEM, WORK))
+@inner(void(SYSTEM, WORK))
 def stick_constraints(system, work):
     """After the constraints were evaluated: coordinates count from where they stick."""
     row = work.friction_subsystem.row
@@ -171,7 +170,7 @@ def stick_constraints(system, work):
         row[j, C_VALUE] = value
 
 
-@inner(types.void(SYSTEM, WORK))
+@inner(void(SYSTEM, WORK))
 def linearise_friction(system, work):
     """Newton rows of sliding joints, after they were linearised as sticking.
 
@@ -190,7 +189,7 @@ def linearise_friction(system, work):
             work.Gv[i] = damping * work.C[i]
 
 
-@inner(types.UniTuple(float64, 2)(SYSTEM, WORK, F1, F2))
+@inner(UniTuple(float64, 2)(SYSTEM, WORK, F1, F2))
 def _set_shared_compliance(system, work, multiplier, P):
     """Set the compliance of sticking joints, into a column of P, before its last value.
 
@@ -238,7 +237,7 @@ def _sliding_resistance(system, work, j, multiplier):
     return size * joint_load(system, j, multiplier) + viscous * rate
 
 
-@inner(types.void(SYSTEM, WORK, F1, float64, F1, F1))
+@inner(void(SYSTEM, WORK, F1, float64, F1, F1))
 def friction_residual(system, work, forces, scale, p, g):
     """Right-hand sides where multipliers and friction forces t are both unknowns.
 
@@ -291,7 +290,7 @@ def _friction_equation(system, work, i, multiplier, L, P, A):
     return resistance
 
 
-@inner(types.void(WORK, MEMORY))
+@inner(void(WORK, MEMORY))
 def _set_multipliers_with_friction(work, memory):
     """Multipliers with the friction forces of `work.friction_force`, into dmu."""
     for r in range(len(memory.dmu)):

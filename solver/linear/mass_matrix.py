@@ -11,10 +11,9 @@ Schur complement S = W^T D^-1 W is a symmetric band matrix.
 
 import math
 
-from numba import boolean, complex128, float64, int64, types
-
 from ..compiler.inner_kernels import row_dot
 from ..compiler.kernels import inner
+from ..compiler.types import boolean, complex128, float64, int64, void
 from ..spatial.system_arrays import C1, DIAGONAL_ME, F1, F2, I1, SYSTEM, WORK
 from .factor_storage import MEMORY
 
@@ -22,7 +21,7 @@ from .factor_storage import MEMORY
 CLEAR_OF_REGULARISATION = 10.0
 
 
-@inner(types.void(F1, F1, float64, F1, int64, int64, int64))
+@inner(void(F1, F1, float64, F1, int64, int64, int64))
 def _copy_block(M, K, weight, A, o, n, n_coupled):
     """Lower triangle of M + weight K, without its zeros."""
     for i in range(n):
@@ -53,7 +52,7 @@ def _block_factor(A, o, n, n_coupled):
     return 0
 
 
-@inner(types.void(F1, int64, int64, int64, F1, int64))
+@inner(void(F1, int64, int64, int64, F1, int64))
 def _forward(A, o, n, n_coupled, x, at):
     """x = L^-T x."""
     for j in range(n - 1, 0, -1):
@@ -61,7 +60,7 @@ def _forward(A, o, n, n_coupled, x, at):
             x[at + i] -= A[o + j * n + i] * x[at + j]
 
 
-@inner(types.void(F1, int64, int64, int64, F1, int64))
+@inner(void(F1, int64, int64, int64, F1, int64))
 def _backward(A, o, n, n_coupled, x, at):
     """x = L^-1 D^-1 x."""
     for i in range(n):
@@ -96,7 +95,7 @@ def mass_row_product(system, M, b, i, x):
     return total
 
 
-@inner(types.void(SYSTEM, F1, F1, F1, F2, int64))
+@inner(void(SYSTEM, F1, F1, F1, F2, int64))
 def _schur_of_body(system, A, C, W, S, b):
     """W of one body, and its contribution to the lower triangle of S."""
     segment, n_coupled = system.segment, _coupled_columns(system, b)
@@ -132,7 +131,7 @@ def _band_factor(S, m, width):
     return True
 
 
-@inner(types.void(F2, int64, int64, F1))
+@inner(void(F2, int64, int64, F1))
 def _band_solve(S, m, width, x):
     for i in range(m):
         for k in range(max(0, i - width), i):
@@ -203,7 +202,7 @@ def row_independence(system, memory, i):
     return math.sqrt(abs(pivot)) / constraint_scale(system, memory, i)
 
 
-@inner(types.void(SYSTEM, MEMORY, I1))
+@inner(void(SYSTEM, MEMORY, I1))
 def constraint_blocks(system, memory, block):
     """Number the blocks of constraints that do not act on each other through masses.
 
@@ -234,7 +233,7 @@ def constraint_scale(system, memory, i):
     return math.sqrt(abs(total))
 
 
-@inner(types.void(SYSTEM, MEMORY, F1, F1))
+@inner(void(SYSTEM, MEMORY, F1, F1))
 def mass_solve(system, memory, x, mu):
     """Solves with a factor of `mass_factor`; (p, g) in (x, mu) are overwritten."""
     A, W, S = memory.mass_A, memory.mass_W, memory.mass_S

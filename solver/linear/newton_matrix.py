@@ -4,10 +4,9 @@ A force between two bodies would couple their blocks of the Newton matrix. Inste
 gets a row among the constraints, with the change of the force as unknown.
 """
 
-from numba import complex128, float64, int64, types
-
 from ..compiler.inner_kernels import row_dot
 from ..compiler.kernels import entry, inner
+from ..compiler.types import complex128, float64, int64, void
 from ..spatial.coordinates import (
     add_row_shifted_inverse,
     apply_shifted_inverse,
@@ -51,8 +50,8 @@ def store_linearisation(system, work, memory):
 
 @inner(
     *[
-        types.void(SYSTEM, WORK, MEMORY, float64, F1, F1),
-        types.void(SYSTEM, WORK, MEMORY, complex128, C1, C1),
+        void(SYSTEM, WORK, MEMORY, float64, F1, F1),
+        void(SYSTEM, WORK, MEMORY, complex128, C1, C1),
     ]
 )
 def newton_matrix(system, work, memory, mu, A, G):
@@ -159,7 +158,7 @@ def index3_factor(system, work, memory, inertia, damping, stiffness):
     )
 
 
-@inner(types.void(SYSTEM, F1, F1, float64, F1))
+@inner(void(SYSTEM, F1, F1, float64, F1))
 def add_mass_product(system, M, x, weight, out):
     """out += weight M x, M in blocks."""
     for b in range(len(system.body)):
@@ -168,7 +167,7 @@ def add_mass_product(system, M, x, weight, out):
             out[first + i] += weight * mass_row_product(system, M, b, i, x)
 
 
-@inner(types.void(SYSTEM, WORK, I1, F1, F1, float64, F1, F1))
+@inner(void(SYSTEM, WORK, I1, F1, F1, float64, F1, F1))
 def index3_residual(system, work, newton_rows, acceleration, multiplier, h2, p, g):
     """Right-hand side of a correction at the evaluated state, into p and g.
 

@@ -10,10 +10,9 @@ that the cost of a chain grows linearly with its length. The kernels serve real 
 complex systems.
 """
 
-from numba import int64, types
-
 from ..compiler.inner_kernels import quotient
 from ..compiler.kernels import inner
+from ..compiler.types import int64, void
 from ..spatial.system_arrays import (
     C1,
     C2,
@@ -65,7 +64,7 @@ def band_factor(S, m, width, pivots):
     return 0
 
 
-@inner(*[types.void(A, int64, int64, I1, X) for A, X in ((F2, F1), (C2, C1))])
+@inner(*[void(A, int64, int64, I1, X) for A, X in ((F2, F1), (C2, C1))])
 def band_solve(S, m, width, pivots, x):
     """Solves with a factor of `band_factor`; x is overwritten."""
     for j in range(m):
@@ -146,8 +145,8 @@ def saddle_factor(system, factors, which, C, friction_derivative):
 
 
 @inner(
-    types.void(SYSTEM, REAL_FACTORS, int64, F1, F1),
-    types.void(SYSTEM, COMPLEX_FACTORS, int64, C1, C1),
+    void(SYSTEM, REAL_FACTORS, int64, F1, F1),
+    void(SYSTEM, COMPLEX_FACTORS, int64, C1, C1),
 )
 def saddle_solve(system, factors, which, x, mu):
     """Solves with a factor of `saddle_factor`; (p, g) in (x, mu) are overwritten."""

@@ -15,15 +15,14 @@ are columns of `WorkArrays.frame`.
 
 import math
 
-from numba import complex128, float64, int64, types
-
 from ..compiler.inner_kernels import quotient
 from ..compiler.kernels import entry, inner
+from ..compiler.types import complex128, float64, int64, void
 from .dimension import FRAMES, PLANE, SPACE
 from .system_arrays import C1, F1, F2, SYSTEM
 
 
-@inner(types.void(SYSTEM, int64, F1, F1, F1))
+@inner(void(SYSTEM, int64, F1, F1, F1))
 def frame_rate(system, b, z, v, out):
     """Rates of position and quaternion of a body frame: r' = R v, p' = p (0, w) / 2."""
     row = system.body[b]
@@ -62,7 +61,7 @@ def frame_rate(system, b, z, v, out):
         out[p + 6] = a * w3 + b1 * w2 - c * w1
 
 
-@inner(types.void(F1, int64, float64, float64, float64))
+@inner(void(F1, int64, float64, float64, float64))
 def rotate_quaternion(z, at, t1, t2, t3):
     """Multiplies the quaternion z[at:at+4] by the rotation vector t (body frame)."""
     angle = math.sqrt(t1 * t1 + t2 * t2 + t3 * t3)
@@ -85,8 +84,8 @@ VX, VY = _PLANE["v"], _PLANE["v"] + 1
 R, V, OMEGA, P = (_SPACE[field] for field in ("R", "v", "w", "p"))
 
 
-RATE = types.void(SYSTEM, F1, F1, F1)
-RETRACT = types.void(SYSTEM, F2, F1, F1)
+RATE = void(SYSTEM, F1, F1, F1)
+RETRACT = void(SYSTEM, F2, F1, F1)
 
 
 @entry(RATE)
@@ -108,7 +107,7 @@ def rate(system, z, v, out):
             out[p + row.np - nq + k] = v[u + rd + k]
 
 
-@inner(*[types.void(SYSTEM, F2, X, A, A) for X, A in ((float64, F1), (complex128, C1))])
+@inner(*[void(SYSTEM, F2, X, A, A) for X, A in ((float64, F1), (complex128, C1))])
 def rhs_to_tangent(system, frame, mu, z, x):
     """A right-hand side z of (mu - E) dz_I, from coordinates to the tangent space."""
     for b in range(len(system.body)):
@@ -138,7 +137,7 @@ def rhs_to_tangent(system, frame, mu, z, x):
             x[u + rd + k] = z[p + row.np - nq + k]
 
 
-@inner(*[types.void(SYSTEM, F2, float64, F1), types.void(SYSTEM, F2, complex128, C1)])
+@inner(*[void(SYSTEM, F2, float64, F1), void(SYSTEM, F2, complex128, C1)])
 def apply_shifted_inverse(system, frame, mu, x):
     """Replaces a tangent vector x by (mu - E)^-1 x."""
     inverse = quotient(1.0, mu)
@@ -171,8 +170,8 @@ def apply_shifted_inverse(system, frame, mu, x):
 
 @inner(
     *[
-        types.void(SYSTEM, F2, int64, float64, F1, int64, F1, int64),
-        types.void(SYSTEM, F2, int64, complex128, F1, int64, C1, int64),
+        void(SYSTEM, F2, int64, float64, F1, int64, F1, int64),
+        void(SYSTEM, F2, int64, complex128, F1, int64, C1, int64),
     ]
 )
 def add_row_shifted_inverse(system, frame, b, mu, source, at, out, to):
@@ -202,8 +201,8 @@ def add_row_shifted_inverse(system, frame, b, mu, source, at, out, to):
 
 @inner(
     *[
-        types.void(SYSTEM, F2, float64, F1, F1, F1),
-        types.void(SYSTEM, F2, complex128, C1, C1, C1),
+        void(SYSTEM, F2, float64, F1, F1, F1),
+        void(SYSTEM, F2, complex128, C1, C1, C1),
     ]
 )
 def tangent_to_coordinates(system, frame, mu, x, r, out):
@@ -262,7 +261,7 @@ def retract(system, frame, z, x):
             z[p + row.np - nq + k] += x[u + rd + k]
 
 
-@inner(types.void(SYSTEM, F1, F1))
+@inner(void(SYSTEM, F1, F1))
 def chord_of_screw(system, x, y):
     """Tangent vectors y with straight translations for those of x along screws.
 
@@ -294,7 +293,7 @@ def chord_of_screw(system, x, y):
             y[u + 2] += c * a3 + k * (t1 * a2 - t2 * a1)
 
 
-@inner(types.void(SYSTEM, F1, F1, F1, F1))
+@inner(void(SYSTEM, F1, F1, F1, F1))
 def update_along_chord(system, z0, x, dz, z1):
     """z1 = z0 + dz, but quaternions rotate by the vectors in x, of which dz is half."""
     for i in range(len(z0)):

@@ -1,13 +1,11 @@
 """Plane and space as kernels see them: records with vectors of each dimension."""
 
+from collections.abc import Callable
 from typing import Any
 
-from numba import float64, types
-from numba.core.typing.templates import AbstractTemplate, infer_global, signature
-from numba.extending import lower_builtin, typeof_impl
-
-from ..compiler.inner_kernels import Inner, InnerType
+from ..compiler.inner_kernels import Inner, Intrinsic, KernelChoice
 from ..compiler.records import RecordType, RowsType
+from ..compiler.types import KernelType, float64
 from ..compiler.vectors import Rotation, SymmetricMatrix, ValueType, Vector
 from .system_arrays import OUTPUT_ARRAYS, WORK
 
@@ -174,48 +172,27 @@ OUTPUT_ARRAYS_BY_SPACE = {
 }
 
 
-def as_planar(table: Any) -> Any:
-    """A work as the equations of the plane see it."""
-    raise TypeError("for kernels only")
+def _view_in(space: str) -> Callable[[KernelType], Any]:
+    """How kernels of a space see a table: the same pointer with other fields."""
+    views: dict[KernelType, KernelType] = {
+        WORK: WORK_BY_SPACE[space],
+        OUTPUT_ARRAYS: OUTPUT_ARRAYS_BY_SPACE[space],
+    }
+    return lambda table: (views[table](table), lambda builder, values: values[0])
 
 
-def as_spatial(table: Any) -> Any:
-    """A work as the equations of space see it."""
-    raise TypeError("for kernels only")
+#: A work as the equations of the plane and of space see it.
+as_planar, as_spatial = (Intrinsic(_view_in(space)) for space in (PLANE, SPACE))
 
 
-for _function, _space in ((as_planar, PLANE), (as_spatial, SPACE)):
-
-    class _ViewTemplate(AbstractTemplate):
-        key = _function
-        kinds = {
-            WORK: WORK_BY_SPACE[_space],
-            OUTPUT_ARRAYS: OUTPUT_ARRAYS_BY_SPACE[_space],
-        }
-
-        def generic(self, args: Any, kws: Any) -> Any:
-            return signature(self.kinds[args[0]], *args)
-
-    infer_global(_function)(_ViewTemplate)
-
-    @lower_builtin(_function, types.Any)
-    def _same(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        return args[0]
-
-
-class BySpace:
+class BySpace(KernelChoice):
     """Two kernels, for plane and space; a call of it is one of that for its `work`."""
 
     def __init__(self, plane: Inner, space: Inner) -> None:
         self.kernels = {PLANE: plane, SPACE: space}
         self.py_funcs = plane.py_func, space.py_func
 
-    def kernel_for(self, args: Any) -> Inner:
+    def kernel_for(self, arguments: tuple[KernelType, ...]) -> Inner:
         """The kernel that is called with arguments of these types."""
-        space = next(s for s, kind in WORK_BY_SPACE.items() if kind in args)
+        space = next(s for s, kind in WORK_BY_SPACE.items() if kind in arguments)
         return self.kernels[space]
-
-
-@typeof_impl.register(BySpace)
-def _type_of_kernel_pair(value: BySpace, context: Any) -> InnerType:
-    return InnerType(value)

@@ -9,7 +9,6 @@ from __future__ import annotations
 from typing import Annotated, Any
 
 import numpy as np
-from numba import boolean, float64, int64, types
 from numpy.typing import NDArray
 
 from sidtool.formats.base.sid import Array
@@ -18,6 +17,7 @@ from ..compiler.arrays import ViewType
 from ..compiler.kernels import inner
 from ..compiler.records import RecordType, RowsType
 from ..compiler.tables import Table, TableType
+from ..compiler.types import boolean, complex128, float64, int64
 
 
 def _integers(name: str, *fields: str) -> RowsType:
@@ -44,7 +44,7 @@ INACTIVE_SEGMENT = _integers("Dropped", "row", "offset", "size")
 
 IntTable = NDArray[np.int64]
 F1, F2, F3 = (ViewType(float64, ndim) for ndim in (1, 2, 3))
-C1, C2, C3 = (ViewType(types.complex128, ndim) for ndim in (1, 2, 3))
+C1, C2, C3 = (ViewType(complex128, ndim) for ndim in (1, 2, 3))
 I1, I2 = (ViewType(int64, ndim) for ndim in (1, 2))
 # Fields of tables
 Reals = Annotated[Array, F1]

@@ -81,8 +81,10 @@ def test_help_needs_no_heavy_import() -> None:
 
 
 def test_a_simulation_imports_what_it_needs(folder: Path) -> None:
-    """Conversion and the search for an accuracy need SciPy, half a second more."""
-    heavy = ("scipy.linalg", "scipy.sparse", "scipy.interpolate", "matplotlib")
+    """Conversion and the search for an accuracy need SciPy, half a second more, and
+    kernels that are not on disk need numba.
+    """
+    heavy = ("scipy.linalg", "scipy.sparse", "scipy.interpolate", "matplotlib", "numba")
     scene, result = folder / "example" / "slider_crank.toml", folder / "out" / "r.h5"
     changes = ("--quiet", "--set", "time.end=0.01")
     _, imported = _imported(heavy, "simulate", scene, "-o", result, *changes)

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from numba import float64
-
 from sidtool.solver.compiler.kernels import Entry, entry, inner
+from sidtool.solver.compiler.types import float64
 
 
 def scaled(factor: float) -> Entry:

@@ -11,12 +11,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from numba import float64
-from numba.extending import intrinsic
 
 from sidtool.formats.diagnostics.record import DiagnosticWarning
 from sidtool.solver.compiler import kernel_cache, precompile
+from sidtool.solver.compiler.inner_kernels import Intrinsic
 from sidtool.solver.compiler.kernels import entry
+from sidtool.solver.compiler.types import float64
 from sidtool.solver.integrators.registry import all_step_loops
 from tests.codes import only_warning
 from tests.places import ROOT
@@ -116,9 +116,9 @@ def test_a_kernel_may_use_what_was_registered_after_another_was_compiled() -> No
     number = float(os.getpid())
     assert scaled(number)(2.0) == 2 * number
 
-    @intrinsic
-    def half(context, x):  # type: ignore[no-untyped-def]
-        def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+    @Intrinsic
+    def half(x):  # type: ignore[no-untyped-def]
+        def generate(builder, arguments):  # type: ignore[no-untyped-def]
             return builder.fmul(arguments[0], arguments[0].type(0.5))
 
         return float64(float64), generate

@@ -10,12 +10,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numba import float64, njit
+from numba import njit, types
 from numba.extending import intrinsic
 
 from sidtool.formats.result import Result
 from sidtool.solver import simulate
 from sidtool.solver.compiler.kernels import Entry, entry
+from sidtool.solver.compiler.types import float64
 from tests.solver.scenes import compiled, scene, slender_rod
 
 
@@ -40,9 +41,9 @@ def pausing(begun: threading.Event, over: threading.Event) -> Any:
         def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
             begun.set()
             over.wait(0.5)
-            return context.get_constant(float64, 0.0)
+            return context.get_constant(types.float64, 0.0)
 
-        return float64(), generate
+        return types.float64(), generate
 
     return pause
 
@@ -112,9 +113,9 @@ def test_numba_is_itself_while_a_kernel_is_compiled() -> None:
     def look(context):  # type: ignore[no-untyped-def]
         def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
             meanwhile.update(everything_in_numba())
-            return context.get_constant(float64, 1.0)
+            return context.get_constant(types.float64, 1.0)
 
-        return float64(), generate
+        return types.float64(), generate
 
     @entry(float64(float64))
     def kernel(x):  # type: ignore[no-untyped-def]

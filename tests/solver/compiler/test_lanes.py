@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numba import int64, types
 
 from sidtool.solver.compiler.inner_kernels import LANES, row_dot
 from sidtool.solver.compiler.kernels import entry
+from sidtool.solver.compiler.types import int64, void
 from sidtool.solver.spatial.system_arrays import C1, F1
 
 SIGNATURES = {
-    kind: types.void(F1, int64, view, int64, int64, view)
+    kind: void(F1, int64, view, int64, int64, view)
     for kind, view in ((float, F1), (complex, C1))
 }
 

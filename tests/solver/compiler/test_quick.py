@@ -8,16 +8,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numba import complex128, float64, int64, types
 
-from sidtool.solver.compiler import fast_lowering
 from sidtool.solver.compiler.arrays import ViewType
 from sidtool.solver.compiler.kernels import (
     _python_wrapper,
-    compile_kernel,
     inner,
     load_object_code,
 )
+from sidtool.solver.compiler.lowering import fast_lowering
+from sidtool.solver.compiler.lowering.units import compile_kernel
+from sidtool.solver.compiler.types import complex128, float64, int64, void
 
 WAYS = pytest.mark.parametrize("is_tried", [True, False], ids=["quick", "plain"])
 
@@ -68,7 +68,7 @@ def test_kernels_compute_as_python_does(
     is_tried: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(fast_lowering, "is_tested_version", lambda: is_tried)
-    kernel = called(numbers, types.void(float64, float64, int64, ViewType(float64, 2)))
+    kernel = called(numbers, void(float64, float64, int64, ViewType(float64, 2)))
     for x, y, n in [(1.5, -2.25, 4), (-3.75, 0.3, 7), (-0.5, 8.0, -5)]:
         found, expected = np.zeros((3, 3)), np.zeros((3, 3))
         kernel(x, y, n, found)
@@ -82,7 +82,7 @@ def test_no_number_is_neither_least_nor_largest(
 ) -> None:
     """As in Python: what comes first stays, if it cannot be compared."""
     monkeypatch.setattr(fast_lowering, "is_tested_version", lambda: is_tried)
-    kernel = called(extremes, types.void(float64, float64, ViewType(float64, 1)))
+    kernel = called(extremes, void(float64, float64, ViewType(float64, 1)))
     for x, y in [(math.nan, 1.0), (1.0, math.nan), (math.inf, -math.inf)]:
         found, expected = np.zeros(3), np.zeros(3)
         kernel(x, y, found)
@@ -97,11 +97,11 @@ def test_kernels_that_may_fail_are_refused(
     """Nobody would be told."""
     monkeypatch.setattr(fast_lowering, "is_tested_version", lambda: is_tried)
     with pytest.raises(TypeError, match="fails needs"):
-        compile_kernel(fails, types.void(int64, complex128, ViewType(complex128, 1)))
+        compile_kernel(fails, void(int64, complex128, ViewType(complex128, 1)))
 
 
 def test_what_it_does_not_know_is_compiled_as_numba_compiles_everything() -> None:
-    kernel = called(totals, types.void(float64, ViewType(float64, 1)))
+    kernel = called(totals, void(float64, ViewType(float64, 1)))
     found = np.zeros(2)
     kernel(1.5, found)
     assert found.tolist() == [6.5, -2.0]

@@ -12,12 +12,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from numba import float64
-from numba.extending import intrinsic
 
 from sidtool.formats.diagnostics.record import DiagnosticWarning
 from sidtool.solver.compiler import kernel_cache, kernels
+from sidtool.solver.compiler.inner_kernels import Intrinsic
 from sidtool.solver.compiler.kernels import Entry, entry
+from sidtool.solver.compiler.lowering import units
+from sidtool.solver.compiler.types import float64
 from tests.codes import only_warning
 from tests.places import ROOT, posix
 from tests.solver.compiler.small_kernels import scaled
@@ -41,14 +42,14 @@ _made: list[Any] = []
 def made(monkeypatch: pytest.MonkeyPatch) -> None:
     """Notes the functions that are compiled."""
 
-    compile_kernel = kernels.compile_kernel
+    compile_kernel = units.compile_kernel
 
     def compiled(function: Any, signature: Any) -> bytes:
         _made.append(function)
         return compile_kernel(function, signature)
 
     _made.clear()
-    monkeypatch.setattr(kernels, "compile_kernel", compiled)
+    monkeypatch.setattr(units, "compile_kernel", compiled)
 
 
 def from_disk(kernel: Entry) -> bool:
@@ -233,9 +234,9 @@ def test_kernels_are_written_for_their_owner_alone(cache: Path) -> None:
 
 
 def with_intrinsic(factor: float) -> Entry:
-    @intrinsic
-    def times(context, x):  # type: ignore[no-untyped-def]
-        def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+    @Intrinsic
+    def times(x):  # type: ignore[no-untyped-def]
+        def generate(builder, arguments):  # type: ignore[no-untyped-def]
             value = arguments[0]
             return builder.fmul(value, value.type(factor))
 

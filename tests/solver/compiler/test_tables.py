@@ -7,10 +7,10 @@ import gc
 
 import numpy as np
 import pytest
-from numba import float64, int64
 
 from sidtool.solver.compiler.kernels import entry
 from sidtool.solver.compiler.tables import Table, TableType
+from sidtool.solver.compiler.types import float64, int64
 from sidtool.solver.spatial.system_arrays import Reals, Reals2
 
 

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numba import types
 
 from sidtool.formats.base.sid import Array
 from sidtool.solver.compiler.kernels import entry
+from sidtool.solver.compiler.types import void
 from sidtool.solver.compiler.vectors import Rotation, SymmetricMatrix, Vector
 from sidtool.solver.spatial import algebra
 from sidtool.solver.spatial.system_arrays import F1
@@ -110,7 +110,7 @@ def test_the_gradient_of_a_row_of_oe_by_complex_steps() -> None:
     assert algebra.omega_gradient(j, x) == pytest.approx(slopes, rel=1e-14)
 
 
-@entry(types.void(F1, F1))
+@entry(void(F1, F1))
 def in_machine_code(numbers, out):  # type: ignore[no-untyped-def]
     x = algebra.load(algebra.direction(0.0, 0.0), numbers, 0)
     y = algebra.load(x, numbers, 2)
