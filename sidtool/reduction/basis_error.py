@@ -139,8 +139,8 @@ def measure_basis_errors(
     numpy.linalg.LinAlgError : rounding makes the shape functions dependent.
     """
     shapes = _in_mean_axes(body, space, basis)
-    stiffness, mass = (shapes.T @ (a @ shapes) for a in (body.stiffness, body.mass))
-    squares, vectors = scipy.linalg.eigh(stiffness, mass)
+    mass = shapes.T @ (body.mass @ shapes)
+    squares, vectors = scipy.linalg.eigh(basis.stiffness, mass)
     motions = full.rows @ (shapes @ vectors)
     compliances = (motions**2 / squares).sum(axis=1)
     frequencies = to_hertz(squares)[: len(full.frequencies)]
@@ -253,11 +253,11 @@ def held_marker_note(
     """
     if basis.space is None or frame.rows is None or model.frame.type != "tangent":
         return None
-    stiffness, mass = (
-        basis.shapes.T @ (a @ basis.shapes) for a in (body.stiffness, body.mass)
-    )
+    mass = basis.shapes.T @ (body.mass @ basis.shapes)
     squares, _ = basis.space.with_constraints(frame.rows).modes(1)
-    own = float(to_hertz(scipy.linalg.eigh(stiffness, mass, eigvals_only=True))[0])
+    own = float(
+        to_hertz(scipy.linalg.eigh(basis.stiffness, mass, eigvals_only=True))[0]
+    )
     true = float(to_hertz(squares)[0])
     if abs(own / true - 1) <= _POOR_ERROR:
         return None
@@ -362,7 +362,7 @@ def _static_energies(
     functions.
     """
     felt = (_in_mean_axes(body, space, basis).T @ loads).real
-    stiffness = (basis.shapes.T @ (body.stiffness @ basis.shapes)).real
+    stiffness = basis.stiffness.real
     sizes = np.sqrt(np.maximum(np.diag(stiffness), np.finfo(float).tiny))
     balanced, share = stiffness / np.outer(sizes, sizes), felt / sizes[:, None]
     return (
