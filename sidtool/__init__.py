@@ -61,6 +61,7 @@ if TYPE_CHECKING:
     from .api.compiled_scene import CompiledScene as CompiledScene
     from .api.identify import identify as identify
     from .api.interrupts import Interrupted as Interrupted
+    from .api.model import Model as Model
     from .api.operations import (
         compare as compare,
         convert as convert,
@@ -71,7 +72,7 @@ if TYPE_CHECKING:
     from .api.optimise import optimise as optimise
     from .api.plant import Plant as Plant, PlantEvent as PlantEvent
     from .api.result import Result as Result
-    from .api.scene import Model as Model, Scene as Scene, read as read
+    from .api.scene import Scene as Scene, read as read
     from .api.sensitivity import gradient as gradient, sensitivity as sensitivity
     from .api.state_space import (
         FrequencyResponse as FrequencyResponse,
@@ -124,7 +125,7 @@ _HOME = {
     "StateSpace": "sidtool.api.state_space",
     "DiagnosticWarning": "sidtool.formats.diagnostics.record",
     "Interrupted": "sidtool.api.interrupts",
-    "Model": "sidtool.api.scene",
+    "Model": "sidtool.api.model",
     "Plant": "sidtool.api.plant",
     "PlantEvent": "sidtool.api.plant",
     "Result": "sidtool.api.result",

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from pydantic import model_validator
 
 from ..base.errors import InputError
+from ..damping import RayleighDamping
 from ..toml.files import Diagnostics, File, relocate_paths
 from ..toml.reading import PARAMETERS, PARAMETERS_MEAN
 from ..toml.tables import Entries, Field, Integer, OptionalInteger, Table, Takes
@@ -35,7 +36,6 @@ from .tables import (
     Fraction,
     Material,
     Point3,
-    RayleighDamping,
     check_name,
     check_node_numbers,
 )

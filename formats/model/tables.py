@@ -1,10 +1,10 @@
-"""Types of the tables of a model file, and the table of Rayleigh damping.
+"""Types of the tables of a model file, and its material.
 
 Checks of a model file that a type alone cannot express; all raise `InputError`.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Annotated, Literal
+from typing import Annotated
 
 from ..base.errors import InputError
 from ..toml.tables import Field, Number, Table, Takes
@@ -20,14 +20,6 @@ Names = str | tuple[str, ...]
 def as_tuple(names: Names) -> tuple[str, ...]:
     """One name or several, as several."""
     return (names,) if isinstance(names, str) else names
-
-
-class RayleighDamping(Table):
-    """alpha Me + beta Ke."""
-
-    type: Literal["rayleigh"] = "rayleigh"
-    alpha: float = Field(default=0.0, ge=0, description="of the mass [1/s]")
-    beta: float = Field(default=0.0, ge=0, description="of the stiffness [s]")
 
 
 class Material(Table):

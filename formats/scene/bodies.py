@@ -18,7 +18,7 @@ from pydantic import (
 )
 
 from ..base.sid import SID
-from ..model.tables import RayleighDamping
+from ..damping import RayleighDamping
 from ..toml.tables import Entries, Field, Number, OptionalNumbers, Takes
 from .base import AngularVelocity, Inertia, Placement, Table, Vector, Vector3
 

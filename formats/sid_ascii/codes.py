@@ -64,7 +64,7 @@ class IndexCodes:
 
     @cached_property
     def _kinds(self) -> frozenset[int]:
-        return frozenset(np.unique(self.kinds_and_indices[0]).tolist())
+        return frozenset(self.kinds_and_indices[0].tolist())
 
     @cached_property
     def largest(self) -> tuple[int, int]:

@@ -3,7 +3,6 @@
 import errno
 import os
 import platform
-import secrets
 import signal
 import stat
 import sys
@@ -72,7 +71,7 @@ def create_file(folder: Path, prefix: str, suffix: str, mode: int = PRIVATE) -> 
     OSError : the folder does not exist or cannot be written to.
     """
     while True:
-        path = folder / f"{prefix}{secrets.token_hex(4)}{suffix}"
+        path = folder / f"{prefix}{os.urandom(4).hex()}{suffix}"
         try:
             with open(path, "xb", opener=lambda p, flags: os.open(p, flags, mode)):
                 return path
@@ -88,7 +87,7 @@ def create_folder(parent: Path, prefix: str, suffix: str = "") -> Path:
     OSError : the parent does not exist or cannot be written to.
     """
     while True:
-        path = parent / f"{prefix}{secrets.token_hex(8)}{suffix}"
+        path = parent / f"{prefix}{os.urandom(8).hex()}{suffix}"
         try:
             path.mkdir(mode=0o700)
             return path

@@ -14,7 +14,7 @@ from sidtool.formats.scene import SceneFile
 from sidtool.formats.scene.tables import MAX_RELATIVE_ERROR, MIN_RELATIVE_ERROR
 
 from ..measurement.request import Wanted
-from ..pipeline.model_cache import body_models
+from ..pipeline.scene_models import body_models
 
 if TYPE_CHECKING:
     from .plan import Plan

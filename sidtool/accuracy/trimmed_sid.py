@@ -13,7 +13,7 @@ from sidtool.formats.scene import BODY_STRESSES, SceneFile
 from sidtool.formats.sid_files import read_sid
 from sidtool.formats.sid_subset import select_shape_functions
 
-from ..pipeline.model_cache import convert_bodies
+from ..pipeline.scene_models import convert_bodies
 from .options import plan_for
 
 #: Accuracy if neither the scene nor the command specifies one.

@@ -22,7 +22,6 @@ from sidtool.formats.sid_files import read_sid
 from sidtool.formats.storage.operating_system import processors
 from sidtool.formats.toml.files import locate_errors
 
-from ..pipeline.model_cache import convert_bodies
 from ..pipeline.scene_changes import (
     apply_changes,
     changed_shape_notes,
@@ -31,6 +30,7 @@ from ..pipeline.scene_changes import (
     rigid_body_notes,
     take_as_rigid,
 )
+from ..pipeline.scene_models import convert_bodies
 from .interrupts import run_interruptible, wrap_errors
 from .result import Result, to_user_result
 

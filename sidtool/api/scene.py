@@ -1,4 +1,4 @@
-"""Scenes and models of scripts and notebooks, and reading of files."""
+"""Scenes of scripts and notebooks, and reading of files."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any, Self
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import SID
-from sidtool.formats.model import ModelFile
 from sidtool.formats.scene import SceneFile
 
 from ..pipeline.files import Path_, kind_of
@@ -28,40 +27,6 @@ if TYPE_CHECKING:
 
 Sids = Mapping[str, SID | str | os.PathLike[str]]
 Programs = Mapping[str, Any]
-
-
-class Model(ModelFile):
-    """A flexible body: geometry, material, discretisation, reduction; a model file.
-
-        model = sidtool.Model.load("rod_q4.toml")
-        sid = model.with_({"geometry.thickness": 0.02}).convert()
-
-    Raises
-    ------
-    InputError : names the argument, what was found and what was expected.
-    """
-
-    def convert(self) -> SID:
-        """Convert the model to a SID.
-
-        Raises
-        ------
-        InputError : the body cannot be discretised or reduced.
-        """
-        from .operations import convert
-
-        return convert(self)
-
-    def __repr__(self) -> str:
-        parts = f"{self.geometry.type}, {self.discretisation.type}"
-        return f"<Model {self.title!r}: {parts}, {self.reduction.method}>"
-
-    __str__ = __repr__
-
-    def _repr_html_(self) -> str:
-        from ..report.input_files import model_parts
-
-        return "".join(part.html for part in model_parts(self))
 
 
 class Scene(SceneFile):
@@ -287,6 +252,8 @@ def _read_sid(path: Path_) -> Any:
 
 
 def _read_model(path: Path_) -> Any:
+    from .model import Model
+
     return Model.load(path)
 
 

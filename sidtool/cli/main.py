@@ -1,6 +1,5 @@
 """The command line ``sidtool COMMAND``; expensive imports are deferred to commands."""
 
-import gc
 import io
 import os
 import sys
@@ -50,9 +49,6 @@ from .study import study, sweep
 from .validate import trim, validate
 
 BAD_INPUT, FAILED, INTERRUPTED = 2, 1, 130
-#: Threshold of the garbage collector: a command creates little garbage, and a low
-#: threshold would scan all imported objects many times.
-GARBAGE_THRESHOLD = 500_000
 _show_warning = warnings.showwarning
 
 
@@ -184,7 +180,6 @@ def _ending_signals() -> list[int]:
 def main() -> NoReturn:
     """Run the command line and exit with its status."""
     _open_standard_streams()
-    gc.set_threshold(GARBAGE_THRESHOLD)
     warnings.showwarning = _print_warning
     handle_console_close()
     end_children_with_this_process()
@@ -194,7 +189,6 @@ def main() -> NoReturn:
     status = run(sys.argv[1:])
     for number, handler in before.items():
         handle_signal(number, handler)
-    gc.freeze()
     if is_work_left():
         sys.stdout.flush()
         sys.stderr.flush()

@@ -124,8 +124,8 @@ def _describe_scene_file(content: Any, path: Path, verbose: bool) -> str:
     from sidtool.solver import compile_scene, describe
     from sidtool.solver.diagnostics.run_summary import describe_bodies
 
-    from ..pipeline.model_cache import convert_bodies
     from ..pipeline.scene_changes import with_initial_state
+    from ..pipeline.scene_models import convert_bodies
     from ..report.input_files import MAX_ROWS, describe_scene, equation_tables
 
     folder = path.parent

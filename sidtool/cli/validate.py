@@ -126,7 +126,8 @@ def _sids_of_file(path: Path) -> dict[str, SID]:
 
     from ..api.scene import read
     from ..pipeline.files import expect_kind
-    from ..pipeline.model_cache import BodyModel, Refinement, convert_bodies
+    from ..pipeline.model_cache import BodyModel, Refinement
+    from ..pipeline.scene_models import convert_bodies
 
     kind = expect_kind(path, "sid", "model", "scene")
     if kind == "model":

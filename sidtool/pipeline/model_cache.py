@@ -1,4 +1,4 @@
-"""SIDs and fields of the models of a scene, converted once and cached."""
+"""SIDs and fields of models, converted once and cached."""
 
 import hashlib
 import os
@@ -12,7 +12,6 @@ from pydantic import BaseModel
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import SID
-from sidtool.formats.diagnostics import Diagnostic
 from sidtool.formats.field import Field, read_field, write_field
 from sidtool.formats.model import ModelFile, Stiffening, read_model
 from sidtool.formats.model.refine import (
@@ -21,7 +20,6 @@ from sidtool.formats.model.refine import (
     with_modes,
     with_static_shapes,
 )
-from sidtool.formats.scene import SceneFile
 from sidtool.formats.sid_files import read_sid, write_sid
 
 #: Cache folder, next to the scene.
@@ -46,6 +44,10 @@ class Refinement:
     modes: int | None = None
     static: tuple[int, ...] = ()
     stiffened: bool = False
+
+
+#: No refinement.
+UNREFINED = Refinement()
 
 
 @dataclass(frozen=True)
@@ -102,7 +104,7 @@ class BodyModel:
         """Return whether static shape functions can be added at nodes."""
         return with_static_shapes(self.model, nodes) is not None
 
-    def sid(self, fineness: Refinement) -> ConvertedBody:
+    def sid(self, fineness: Refinement = UNREFINED) -> ConvertedBody:
         """Convert the model, or read the SID from the cache.
 
         Raises
@@ -162,48 +164,6 @@ class BodyModel:
         """
         name = f"{CACHE_FOLDER}/{self.path.stem}-{model_digest(model)}.h5"
         return name, self.folder / name
-
-
-def body_models(scene: SceneFile, folder: Path) -> dict[str, BodyModel]:
-    """Return the bodies that are described by models.
-
-    Raises
-    ------
-    InputError : a model cannot be read.
-    """
-    bodies = scene.sid_bodies.items()
-    return {n: BodyModel(folder / b.model, folder) for n, b in bodies if b.model}
-
-
-def convert_bodies(
-    scene: SceneFile, folder: Path
-) -> tuple[SceneFile, dict[str, SID], dict[str, list[Diagnostic]]]:
-    """Convert the models of a scene.
-
-    The model of a body that also has a SID is not converted.
-
-    Returns
-    -------
-    the scene that names the SIDs, the SIDs, and diagnostics, by body
-
-    Raises
-    ------
-    InputError : a model cannot be read or converted.
-    """
-    bodies: dict[str, Any] = dict(scene.bodies)
-    sids: dict[str, SID] = {}
-    notes: dict[str, list[Diagnostic]] = {}
-    for name, source in body_models(scene, folder).items():
-        if bodies[name].sid:
-            continue
-        body = source.sid(Refinement())
-        text = body.file or f"(made of {source.path.name})"
-        bodies[name] = bodies[name].model_copy(update={"sid": text})
-        sids[name] = body.sid
-        notes[name] = [each.within(name) for each in body.sid.diagnostics]
-    if not sids:
-        return scene, {}, {}
-    return scene.model_copy(update={"bodies": bodies}), sids, notes
 
 
 def model_digest(model: ModelFile) -> str:

@@ -16,7 +16,6 @@ from sidtool.formats.base.sid import SID
 from sidtool.formats.diagnostics import Diagnostic, diagnose
 from sidtool.formats.diagnostics.record import warn_of_each
 from sidtool.formats.file_names import path_of, scene_given
-from sidtool.formats.model import ModelFile
 from sidtool.formats.motion_kinds import motion_kinds
 from sidtool.formats.result import Result, read_result
 from sidtool.formats.result.data import TABLES
@@ -28,9 +27,10 @@ from sidtool.formats.toml.files import locate_errors
 from sidtool.formats.toml.tables import name_object, named_object
 
 from .files import expect_kind
-from .model_cache import convert_bodies
+from .scene_models import convert_bodies
 
 if TYPE_CHECKING:
+    from sidtool.formats.model import ModelFile
     from sidtool.solver.system.system import System
 
 Path_ = str | os.PathLike[str]

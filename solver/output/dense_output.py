@@ -275,7 +275,7 @@ class StepEndStates:
         self._largest = np.zeros(len(self._elastic) + 3 * len(self._frames) + 1)
         self._count, self._seen, self._stride = 0, 0, 1
         self._last = self._parts[0]
-        self._times = np.unique(np.array([*times], float))
+        self._times = np.array(sorted({*times}), float)
 
     def add(self, ends: StepStates) -> None:
         """Takes the ends of some steps, in the order of time."""
@@ -299,10 +299,9 @@ class StepEndStates:
         largest = signals.max(axis=0)
         columns = np.flatnonzero(largest > self._largest)
         rows = signals[:, columns].argmax(axis=0)
-        states = {
-            int(k): _select_states(ends, slice(k, k + 1)) for k in np.unique(rows)
-        }
-        for column, row in zip(columns.tolist(), rows.tolist(), strict=True):
+        places = rows.tolist()
+        states = {k: _select_states(ends, slice(k, k + 1)) for k in {*places}}
+        for column, row in zip(columns.tolist(), places, strict=True):
             self._peaks[column] = states[row]
         self._largest = np.maximum(largest, self._largest)
         for row in np.searchsorted(ends.t, self._times):

@@ -18,8 +18,9 @@ from sidtool.formats.scene import SceneFile
 from sidtool.measurement.candidates import finest_model as scene_finest
 from sidtool.measurement.request import requested
 from sidtool.measurement.runs import Runs
-from sidtool.pipeline.model_cache import Refinement, body_models
+from sidtool.pipeline.model_cache import Refinement
 from sidtool.pipeline.model_to_sid import sid_from_model
+from sidtool.pipeline.scene_models import body_models
 from sidtool.solver import compile_scene
 from sidtool.solver.system.system import System
 from tests.bodies import particle_body

@@ -17,7 +17,8 @@ from sidtool.accuracy.reference_run import Reference
 from sidtool.formats.scene import SceneFile
 from sidtool.measurement import cache
 from sidtool.measurement.request import requested
-from sidtool.pipeline.model_cache import Refinement, body_models
+from sidtool.pipeline.model_cache import Refinement
+from sidtool.pipeline.scene_models import body_models
 from sidtool.solver import compile_scene
 from sidtool.study import Setting, run_study
 from tests.codes import codes, only, with_code

@@ -85,6 +85,7 @@ def test_a_simulation_imports_what_it_needs(folder: Path) -> None:
     kernels that are not on disk need numba.
     """
     heavy = ("scipy.linalg", "scipy.sparse", "scipy.interpolate", "matplotlib", "numba")
+    heavy += ("numpy.ma", "sidtool.formats.model")
     scene, result = folder / "example" / "slider_crank.toml", folder / "out" / "r.h5"
     changes = ("--quiet", "--set", "time.end=0.01")
     _, imported = _imported(heavy, "simulate", scene, "-o", result, *changes)
