@@ -16,6 +16,7 @@ from sidtool.formats.scene import SceneFile
 from sidtool.pipeline.model_to_sid import sid_from_model
 from sidtool.solver import compile_scene
 from sidtool.solver.system.system import System
+from sidtool.study import Setting
 
 from . import scenes
 from .machine import describe_machine
@@ -34,8 +35,12 @@ from .report import Report, Table
 
 WANTED = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
 RTOLS = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
-#: Fixed steps of an output step of sidtool.
-OWN_STEPS = (1, 2, 5)
+#: Fixed steps of an output step of sidtool, and tolerances of its Newton iteration.
+OWN_STEPS, OWN_TOLERANCES = (1, 2, 5, 10, 20), (1e-3, 1e-5)
+#: Integrators of sidtool with error control, and with fixed steps: the others resolve
+#: vibrations that positions do not show.
+CONTROLLED = ("radau5", "radau9", "radau13")
+FIXED = ("generalised_alpha", "trapezoidal", "radau5", "radau9")
 #: Steps of an output step, and tolerances of Newton's iteration, of Exudyn.
 STEPS = (1, 2, 5, 10, 20, 50, 100, 200)
 TOLERANCES = (1e-3, 1e-5, 1e-8)
@@ -91,8 +96,14 @@ def _tables(machine: Machine, say: Callable[[str], None]) -> Iterator[Table]:
     system = machine.system()
     truth, uncertainty = truth_of(system)
     every = system.scene.time.output_step
-    steps = [every / count for count in OWN_STEPS]
-    runs = [_worst(one) for one in own_runs(system, truth, say, steps, RTOLS)]
+    settings = [Setting(name, rtol=rtol) for name in CONTROLLED for rtol in RTOLS]
+    settings += [
+        Setting(name, rtol, every / count)
+        for name in FIXED
+        for count in OWN_STEPS
+        for rtol in OWN_TOLERANCES
+    ]
+    runs = [_worst(one) for one in own_runs(system, truth, say, settings)]
     runs += [_worst(one) for one in _exudyn_runs(machine, say)]
     runs = settled(runs, WANTED)
     caption = (

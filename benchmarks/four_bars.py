@@ -9,7 +9,7 @@ import numpy as np
 
 from . import scenes
 from .machine import describe_machine
-from .precision import at_equal_error, own_runs, plot_runs, runs_table
+from .precision import at_equal_error, own_runs, own_settings, plot_runs, runs_table
 from .report import Report
 
 #: Exact at 10 s: top of the left post [m].
@@ -22,7 +22,7 @@ def run(folder: Path, name: str, say: Callable[[str], None]) -> Report:
     """Measure sidtool's integrators; the plot goes to `folder`."""
     system = scenes.four_bars()
     truth = one_degree_of_freedom(system.scene.time.end, 100)
-    runs = own_runs(system, truth, say, rtols=RTOLS)
+    runs = own_runs(system, truth, say, own_settings(rtols=RTOLS))
     plot_runs(folder / f"{name}.png", runs, "max |dx| / 1 m")
     off = {key: abs(truth[key][-1] - value) for key, value in EXACT.items()}
     return Report(

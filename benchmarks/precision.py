@@ -55,33 +55,49 @@ def errors_of(
     )
 
 
+def own_settings(
+    steps: Iterable[float] = (), rtols: Sequence[float] = RTOLS
+) -> list[Setting]:
+    """All integrators with error control, coarse to fine, and with fixed steps."""
+    from sidtool.solver.integrators.registry import INTEGRATORS
+
+    fixed = [*steps]
+    return [
+        setting
+        for name in INTEGRATORS
+        for setting in (
+            *(Setting(name, rtol=rtol) for rtol in rtols),
+            *(Setting(name, step=step) for step in fixed),
+        )
+    ]
+
+
 def own_runs(
     system: System,
     truth: Mapping[str, Array],
     say: Say,
-    steps: Iterable[float] = (),
-    rtols: Sequence[float] = RTOLS,
+    settings: Iterable[Setting],
 ) -> list[Run]:
-    """sidtool's integrators, with error control and with fixed steps."""
-    from sidtool.solver.integrators.registry import INTEGRATORS
-
-    runs = []
-    for name in INTEGRATORS:
-        settings = [Setting(name, rtol=rtol) for rtol in rtols]
-        measure_setting(system, settings[0], None, repeats=1)
-        slow = False
-        for setting in [*settings, *(Setting(name, step=step) for step in steps)]:
-            if slow and setting.rtol:
-                say(f"  {name} {setting.value} left out, far too slow")
-                continue
-            run = _own_run(system, truth, setting)
-            if run is None:
-                say(f"  {name} {setting.value} stopped early")
-                continue
-            others = ((r.seconds, max(r.errors)) for r in runs)
-            slow = slow or is_hopeless(run.seconds, max(run.errors), others)
-            runs.append(run)
-            say(line(run))
+    """Runs of sidtool; finer tolerances are left out of integrators far behind."""
+    runs = list[Run]()
+    ready, slow = set[str](), set[str]()
+    for setting in settings:
+        name = setting.integrator
+        if name not in ready:
+            measure_setting(system, setting, None, repeats=1)
+            ready.add(name)
+        if name in slow and setting.step is None:
+            say(f"  {name} {setting.value} left out, far too slow")
+            continue
+        run = _own_run(system, truth, setting)
+        if run is None:
+            say(f"  {name} {setting.value} stopped early")
+            continue
+        others = ((r.seconds, max(r.errors)) for r in runs)
+        if is_hopeless(run.seconds, max(run.errors), others):
+            slow.add(name)
+        runs.append(run)
+        say(line(run))
     return runs
 
 

@@ -13,7 +13,7 @@ from sidtool.solver.system.system import System
 from tests.references import test_simeon as source
 
 from .against_peers import ODE_SOLVERS, report_on
-from .precision import ode_runs, own_runs, truth_of
+from .precision import ode_runs, own_runs, own_settings, truth_of
 from .report import Report
 
 
@@ -26,7 +26,7 @@ def run(folder: Path, name: str, say: Callable[[str], None]) -> Report:
     return report_on(
         system,
         "Slider-crank of the IVP test set (Simeon), 0.1 s",
-        own_runs(system, truth, say) + ode_runs(system, truth, say),
+        own_runs(system, truth, say, own_settings()) + ode_runs(system, truth, say),
         truth,
         ODE_SOLVERS,
         f"The reference is good to {uncertainty:.0e} and ends {ends}.",

@@ -9,7 +9,7 @@ from sidtool.formats.base.sid import Array
 
 from . import scenes
 from .against_peers import ODE_SOLVERS, report_on
-from .precision import Run, errors_of, line, ode_runs, own_runs, truth_of
+from .precision import Run, errors_of, line, ode_runs, own_runs, own_settings, truth_of
 from .report import Report
 
 FIXED_STEPS = (1e-2, 5e-3, 2e-3, 1e-3)
@@ -33,7 +33,7 @@ def run(folder: Path, name: str, say: Callable[[str], None]) -> Report:
     system = scenes.slider_crank()
     truth, uncertainty = truth_of(system)
     truth = {key: truth[key] for key in ("rod.q1", "piston.x")}
-    runs = own_runs(system, truth, say, FIXED_STEPS)
+    runs = own_runs(system, truth, say, own_settings(FIXED_STEPS))
     runs += ode_runs(system, truth, say) + _exudyn_runs(say)
     return report_on(
         system,

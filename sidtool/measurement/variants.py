@@ -156,7 +156,9 @@ def with_choice(variant: Variant, name: str, choice: Any) -> Variant:
 
 @dataclass(frozen=True)
 class Setting:
-    """Integration of one run; `step` [s] replaces the error control by `rtol`."""
+    """Integration of one run; a `step` [s] replaces the error control by `rtol`, which
+    is then of Newton's iteration alone.
+    """
 
     integrator: str
     rtol: float | None = None
@@ -164,13 +166,15 @@ class Setting:
 
     @property
     def value(self) -> str:
-        return f"{self.rtol:.0e}" if self.step is None else f"{self.step:g} s"
+        parts = [] if self.step is None else [f"{self.step:g} s"]
+        return ", ".join(parts + ([] if self.rtol is None else [f"{self.rtol:.0e}"]))
 
     @property
     def key(self) -> str:
         """Return the keys of the table `[accuracy]` for this setting."""
-        kind, number = ("rtol", self.rtol) if self.step is None else ("step", self.step)
-        return f'integrator = "{self.integrator}", {kind} = {number:g}'
+        numbers = {"step": self.step, "rtol": self.rtol}
+        given = [f"{key} = {value:g}" for key, value in numbers.items() if value]
+        return ", ".join([f'integrator = "{self.integrator}"', *given])
 
 
 def setting_of(scene: SceneFile) -> Setting:
