@@ -69,7 +69,7 @@ class CachedProblem:
         """
         key = x.tobytes()
         if key not in self._derivatives:
-            point, columns = self._point(x), []
+            point, columns, errors = self._point(x), [], []
             for k, found in enumerate(point.differences(self._good)[0]):
                 if isinstance(found, InputError):
                     raise found
@@ -78,8 +78,10 @@ class CachedProblem:
                     problem = diagnose("N735", name, reason=str(found))
                     raise InputError(problem.message, place=name)
                 self.runs += found.runs
-                for each in point.warnings(k, found):
-                    self._warnings[each.code, each.subject] = each
-                columns.append(found.derivatives[: point.n_values])
-            self._derivatives = {key: np.column_stack(columns)}
+                columns.append(found.derivatives)
+                errors.append(found.errors)
+            table = np.column_stack(columns)
+            for each in point.warnings(table, np.column_stack(errors)):
+                self._warnings[each.code, each.subject] = each
+            self._derivatives = {key: table[: point.n_values]}
         return self._derivatives[key]

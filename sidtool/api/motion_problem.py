@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -341,9 +342,10 @@ class Point:
         entries = {entry.key: entry for v in variables for entry in v.entries}
         columns = {key: k for k, key in enumerate(entries)}
         factors = np.zeros((len(variables), len(entries)))
-        for row, variable in zip(factors, variables, strict=True):
-            for entry in variable.entries:
-                row[columns[entry.key]] += entry.factor
+        rows = [k for k, variable in enumerate(variables) for _ in variable.entries]
+        listed = [entry for variable in variables for entry in variable.entries]
+        places = rows, [columns[entry.key] for entry in listed]
+        np.add.at(factors, places, [entry.factor for entry in listed])
         changes = self.x - [variable.value for variable in variables]
         values = [entry.value for entry in entries.values()] + changes @ factors
         units = {entry.key: v.unit for v in variables for entry in v.entries}
@@ -390,7 +392,7 @@ class Point:
         InputError : the method that was requested is not available.
         """
         numbers, method = range(len(self.x)), self.problem.settings.method
-        found: list[Difference | Failure] = [StructureChange("") for _ in numbers]
+        found: list[Difference | Failure] = [StructureChange("")] * len(numbers)
         reason = "as requested" if method == DIFFERENCES else ""
         if self.history is not None and method != DIFFERENCES:
             try:
@@ -458,25 +460,24 @@ class Point:
     ) -> Sensitivities:
         """Derivatives by all variables."""
         problem, started = self.problem, time.perf_counter()
-        shape = len(self.values), len(problem.variables)
-        derivatives, errors = np.full(shape, np.nan), np.full(shape, np.nan)
-        diagnostics, runs = list[Diagnostic](), 0
+        all_found, reason = self.differences(progress=progress)
+        diagnostics = list[Diagnostic]()
         if self.grid is not None and not np.isnan(self.grid.singular_time):
             diagnostics.append(diagnose("N738", t=self.grid.singular_time))
-        all_found, reason = self.differences(progress=progress)
-        methods = {}
-        for k, (variable, found) in enumerate(
-            zip(problem.variables, all_found, strict=True)
-        ):
+        runs, methods = self.runs, dict[str, str]()
+        none = np.full(len(self.all_values), np.nan)
+        derivatives, errors = [none] * len(all_found), [none] * len(all_found)
+        pairs = zip(problem.variables, all_found, strict=True)
+        for k, (variable, found) in enumerate(pairs):
             if not isinstance(found, Difference):
                 diagnostics.append(diagnose("N735", variable.name, reason=str(found)))
                 continue
             methods[variable.name] = found.method
             runs += found.runs
-            count = len(self.values)
-            derivatives[:, k] = found.derivatives[:count]
-            errors[:, k] = found.errors[:count]
-            diagnostics += self.warnings(k, found)
+            derivatives[k], errors[k] = found.derivatives, found.errors
+        table, error_table = np.array(derivatives).T, np.array(errors).T
+        diagnostics += self.warnings(table, error_table)
+        count = len(self.values)
         scene = problem.scene
         units = {f.text: f.unit(scene) for f in problem.functionals}
         return Sensitivities(
@@ -484,10 +485,10 @@ class Point:
             variables=tuple(v.name for v in problem.variables),
             values=self.values,
             point=self.x,
-            derivatives=derivatives,
-            errors=errors,
+            derivatives=table[:count],
+            errors=error_table[:count],
             units=units | {v.name: v.unit for v in problem.variables},
-            runs=runs + self.runs,
+            runs=runs,
             seconds=time.perf_counter() - started,
             rtol=self.rtol,
             methods=methods,
@@ -540,40 +541,33 @@ class Point:
             return abs(value)
         return self.problem.unit_sizes.get(variable.unit, 1.0)
 
-    def warnings(self, k: int, found: Difference) -> list[Diagnostic]:
-        """What is doubtful of the derivatives by a variable (N736, N737)."""
-        variable = self.problem.variables[k]
+    def warnings(self, derivatives: Array, errors: Array) -> list[Diagnostic]:
+        """What is doubtful of the derivatives by all variables (N736, N737).
+
+        Parameters
+        ----------
+        derivatives, errors : (terms, n_variables), NaN where there are none
+        """
         if self.n_values > len(self.problem.functionals):
             return []  # single values of a history
-        least = NEGLIGIBLE * self.scales / self.size(k)
-        sizes = np.maximum(np.abs(found.derivatives), least)
-        warnings = self._large_errors(variable, found.errors / sizes)
-        return warnings + self._rivals(variable, found.derivatives, sizes)
-
-    def _rivals(
-        self, variable: Variable, derivatives: Array, sizes: Array
-    ) -> list[Diagnostic]:
-        """Extrema with another peak that has another derivative (N736)."""
-        found = []
-        for k, term in enumerate(self.terms):
+        variables = self.problem.variables
+        sizes = np.array([self.size(k) for k in range(len(variables))])
+        least = NEGLIGIBLE * self.scales[:, None] / sizes
+        size = np.maximum(np.abs(derivatives), least)
+        found = list[tuple[int, Diagnostic]]()
+        relative = (errors / size)[: self.n_values]
+        for i, k in np.argwhere(relative > LARGE_ERROR).tolist():
+            of, error = self.problem.functionals[i].text, float(relative[i, k])
+            text = diagnose("N737", variables[k].name, of=of, error=error)
+            found.append((k, text))
+        for i, term in enumerate(self.terms):  # other peaks with other derivatives
             own = term.rival_of
             if own < 0:
                 continue
-            size = max(sizes[k], sizes[own])
-            difference = float(abs(derivatives[k] - derivatives[own]) / size)
-            if difference > DIFFERENT:
-                of = term.functional.text
-                found.append(
-                    diagnose("N736", variable.name, of=of, difference=difference)
-                )
-        return found
-
-    def _large_errors(self, variable: Variable, errors: Array) -> list[Diagnostic]:
-        """Derivatives by a variable whose relative errors are large (N737)."""
-        functionals = self.problem.functionals
-        rows = zip(functionals, errors[: len(functionals)], strict=True)
-        return [
-            diagnose("N737", variable.name, of=f.text, error=float(error))
-            for f, error in rows
-            if error > LARGE_ERROR
-        ]
+            difference = np.abs(derivatives[i] - derivatives[own])
+            difference /= np.maximum(size[i], size[own])
+            for k in np.flatnonzero(difference > DIFFERENT).tolist():
+                of, away = term.functional.text, float(difference[k])
+                text = diagnose("N736", variables[k].name, of=of, difference=away)
+                found.append((k, text))
+        return [each for _, each in sorted(found, key=itemgetter(0))]

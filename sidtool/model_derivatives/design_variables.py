@@ -56,10 +56,12 @@ class ShapeVariable:
         ------
         InputError : the text has another form.
         """
-        name, _, rest = (part.strip() for part in text.partition("="))
-        pairs = [part.rpartition(":") for part in rest.split(",")]
+        name, _, rest = text.partition("=")
+        name, directions = name.strip(), dict[str, float]()
         try:
-            directions = {key.strip(): float(factor) for key, _, factor in pairs}
+            for part in rest.split(","):
+                key, _, factor = part.rpartition(":")
+                directions[key.strip()] = float(factor)
         except ValueError:
             directions = {"": 0.0}
         if not name or "" in directions:

@@ -1,7 +1,6 @@
 """Design variables: numbers of a scene and of the models of its bodies, by key."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from typing import Any, NamedTuple
 
@@ -38,8 +37,7 @@ class Entry(NamedTuple):
     factor: float
 
 
-@dataclass(frozen=True)
-class Variable:
+class Variable(NamedTuple):
     """A number of a scene that is varied, or several that change together.
 
     Attributes
@@ -111,10 +109,13 @@ class Numbers:
         ------
         InputError : there is no such key, or it is no number.
         """
-        found = [(*self._number(key), factor) for key, factor in factors.items()]
-        units = {unit for _, unit, _ in found}
-        entries = tuple(entry._replace(factor=factor) for entry, _, factor in found)
-        return Variable(name, 0.0, units.pop() if len(units) == 1 else "", entries)
+        entries, units = list[Entry](), set[str]()
+        for key, factor in factors.items():
+            entry, unit = self._number(key)
+            entries.append(Entry(*entry[:-1], factor))
+            units.add(unit)
+        unit = units.pop() if len(units) == 1 else ""
+        return Variable(name, 0.0, unit, tuple(entries))
 
     def _number(self, key: str) -> tuple[Entry, str]:
         """The entry of a key with the factor 1, and its unit."""

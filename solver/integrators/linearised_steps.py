@@ -20,7 +20,7 @@ mu          eigenvalues of A^-1 over h, of each pair one
 
 from ..compiler.inner_kernels import quotient
 from ..compiler.kernels import entry, inner
-from ..compiler.types import complex128, float64, int64, void
+from ..compiler.types import boolean, complex128, float64, int64, void
 from ..spatial.system_arrays import C1, F1, F2, F3, I1
 from .loop_state import copy
 
@@ -64,9 +64,9 @@ def _transform(matrix, x, out):
         _apply(x, matrix[i], out[i])
 
 
-@inner(int64(F2, F2, I1))
-def _invert(real, imaginary, pivots):
-    """Replace a complex matrix by its inverse; 1 if it is singular."""
+@inner(int64(F2, F2, boolean, I1))
+def _invert(real, imaginary, is_complex, pivots):
+    """Replace a matrix by its inverse; 1 if it is singular."""
     n = real.shape[0]
     for j in range(n):
         best, size = j, abs(real[j, j]) + abs(imaginary[j, j])
@@ -95,8 +95,11 @@ def _invert(real, imaginary, pivots):
                 continue
             row[j] = row_i[j] = 0.0
             for k in range(n):
-                row[k] -= a * own[k] - b * own_i[k]
-                row_i[k] -= a * own_i[k] + b * own[k]
+                row[k] -= a * own[k]
+            if is_complex:
+                for k in range(n):
+                    row[k] += b * own_i[k]
+                    row_i[k] -= a * own_i[k] + b * own[k]
     for j in range(n - 1, -1, -1):
         best = pivots[j]
         if best != j:
@@ -131,7 +134,7 @@ def _factor(F, nz, h, eigenvalues, product, real, imaginary, pivots):
                 row_i[i] = -change[i] * inverse.imag
             row[j] += mu.real
             row_i[j] += mu.imag
-        if _invert(real[part], imaginary[part], pivots) != 0:
+        if _invert(real[part], imaginary[part], part > 0, pivots) != 0:
             return 1
     return 0
 

@@ -359,6 +359,8 @@ class MotionDerivatives:
         )
         current = np.zeros((count, nz + nv))
         for steps in reversed(run.blocks()):
+            if not (current.any() or parts[steps].any()):
+                continue  # after the last time of a functional
             self._adjoint_block(steps, parts[steps], current, gradient)
         gradient.start[:] = current.T
         return gradient
