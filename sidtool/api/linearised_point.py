@@ -126,13 +126,13 @@ class LinearisedPoint:
         self._point = point
         self._history, motion = point.history, point.history.motion
         run = LinearisedRun(motion, point.grid)
-        if len(run.differenced):
+        if len(run.directions):
             # Newton's matrix lacks terms: its iteration is slow, and what it leaves
             # of the tolerance is more than derivatives bear.
             motion = run_on_grid(motion.system, point.grid)
             run, self._history = LinearisedRun(motion, point.grid), History(motion)
         self._motion = MotionDerivatives(run)
-        self._error = DIFFERENCE_ERROR if len(run.differenced) else EXACT_ERROR
+        self._error = DIFFERENCE_ERROR if len(run.directions) else EXACT_ERROR
         self._terms = [t for t in point.terms if t.functional.needs_motion]
         #: which of all values are those of the motion
         needs = [t.functional.needs_motion for t in point.terms]
@@ -164,7 +164,7 @@ class LinearisedPoint:
         """
         size = run.nz + run.nv
         runs = LINEARISATION_RUNS + (size / COORDINATES_SQUARED) ** 2
-        runs += len(run.differenced) * len(run.difference[0]) / POINTS_PER_RUN
+        runs += len(run.directions) * len(run.difference[0]) / POINTS_PER_RUN
         if not run.system.planar:
             runs += size / SPATIAL_PER_RUN
         if runs + count / 2 > 6 + 4 * count:

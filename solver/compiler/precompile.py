@@ -74,7 +74,6 @@ DERIVATIVES: Group = tuple(
         "residuals_of_states",
         "constraints_of_states",
         "linearise_states",
-        "differentiate_states",
         "solve_columns",
         "slope_derivatives",
         "rates_of_states",

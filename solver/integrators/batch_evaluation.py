@@ -24,7 +24,6 @@ from ..spatial.system_arrays import (
     F1,
     F2,
     F3,
-    I1,
     SYSTEM,
     WORK,
 )
@@ -193,20 +192,61 @@ def _write_derivatives(system, work, out):
                     out[n + w + k, u + i] += work.C[to + i] * work.Gv[at + k]
 
 
-@entry(void(KERNELS, SYSTEM, WORK, F1, F1, F2, F2, F2, F2, F3))
-def linearise_states(kernels, system, work, clocks, times, z, v, a, lambda_, out):
-    """Derivatives of (r, g) of states by tangent positions and velocities,
-    (states, 2 n_velocities, rows), but for what `linearise` leaves out.
-    """
-    for k in range(len(times)):
-        work.interval_time[0] = clocks[k]
-        kernels.evaluate(system, work, times[k], z[k], v[k])
-        kernels.linearise(system, work, times[k], z[k], v[k], a[k], lambda_[k])
-        _write_derivatives(system, work, out[k])
+@inner(
+    void(
+        *(KERNELS, SYSTEM, WORK, float64, F1, F1, F1, F1),
+        *(F2, F2, F1, F1, F2, F2),
+    )
+)
+def _complete_derivatives(
+    kernels,
+    system,
+    work,
+    t,
+    z,
+    v,
+    a,
+    lambda_,
+    directions,
+    duals,
+    points,
+    weights,
+    scratch,
+    out,
+):
+    """Make derivatives along some directions those of differences, see
+    `linearise_states`; `work` is then that of another state."""
+    n = len(work.f)
+    change, moved_z, moved_v, dz = scratch[0], scratch[1], scratch[2], scratch[3]
+    for k in range(len(directions)):
+        kernels.rate(system, z, directions[k], dz)
+        for j in range(out.shape[1]):
+            change[j] = 0.0
+        for point in range(len(points)):
+            distance = points[point]
+            for i in range(len(z)):
+                moved_z[i] = z[i] + distance * dz[i]
+            for i in range(n):
+                moved_v[i] = v[i] + distance * directions[k, n + i]
+            kernels.evaluate(system, work, t, moved_z, moved_v)
+            _add_residual(system, work, a, lambda_, weights[point], change)
+        for i in range(2 * n):
+            if directions[k, i] != 0.0:
+                for j in range(out.shape[1]):
+                    change[j] -= directions[k, i] * out[i, j]
+        for i in range(2 * n):
+            if duals[k, i] != 0.0:
+                for j in range(out.shape[1]):
+                    out[i, j] += duals[k, i] * change[j]
 
 
-@entry(void(KERNELS, SYSTEM, WORK, F1, F1, F2, F2, F2, F2, I1, F1, F1, F1, F1, F3))
-def differentiate_states(
+@entry(
+    void(
+        *(KERNELS, SYSTEM, WORK, F1, F1, F2, F2, F2, F2),
+        *(F2, F2, F1, F1, F2, F3),
+    )
+)
+def linearise_states(
     kernels,
     system,
     work,
@@ -216,38 +256,34 @@ def differentiate_states(
     v,
     a,
     lambda_,
-    chosen,
-    steps_z,
-    steps_v,
+    directions,
+    duals,
     points,
     weights,
+    scratch,
     out,
 ):
-    """Derivatives of (r, g) of states by some positions and velocities, (states,
-    chosen, rows), by differences with the given steps, and points in these.
+    """Derivatives of (r, g) of states by tangent positions and velocities,
+    (states, 2 velocities, rows): those of `linearise`, along some directions
+    differences.
+
+    Parameters
+    ----------
+    directions : (., 2 velocities) changes of the state along which `linearise` is not
+        complete
+    duals : (., 2 velocities) whose product with their own direction is 1, with others 0
+    points, weights : of the differences, in directions
+    scratch : (4, .) of the positions or the rows, whichever are more, 0
     """
     for k in range(len(times)):
         work.interval_time[0] = clocks[k]
-        for j in range(out.shape[1]):
-            for i in range(out.shape[2]):
-                out[k, j, i] = 0.0
-            for point in range(len(points)):
-                distance, weight = points[point], weights[point]
-                i = chosen[j]
-                if i < len(steps_z):
-                    known = z[k, i]
-                    z[k, i] = known + distance * steps_z[i]
-                    kernels.evaluate(system, work, times[k], z[k], v[k])
-                    z[k, i] = known
-                    weight /= steps_z[i]
-                else:
-                    i -= len(steps_z)
-                    known = v[k, i]
-                    v[k, i] = known + distance * steps_v[i]
-                    kernels.evaluate(system, work, times[k], z[k], v[k])
-                    v[k, i] = known
-                    weight /= steps_v[i]
-                _add_residual(system, work, a[k], lambda_[k], weight, out[k, j])
+        kernels.evaluate(system, work, times[k], z[k], v[k])
+        kernels.linearise(system, work, times[k], z[k], v[k], a[k], lambda_[k])
+        _write_derivatives(system, work, out[k])
+        _complete_derivatives(
+            *(kernels, system, work, times[k], z[k], v[k], a[k], lambda_[k]),
+            *(directions, duals, points, weights, scratch, out[k]),
+        )
 
 
 @inner(int64(F1))
@@ -300,7 +336,7 @@ def solve_columns(kernels, system, work, memory, clocks, times, z, v, columns):
 @entry(
     int64(
         *(KERNELS, SYSTEM, WORK, MEMORY, F1, F1, F2, F2, F2, F2),
-        *(int64, F1, F2, F2, F2, F2, F2, F3),
+        *(F2, F2, F1, F1, F2, int64, F1, F2, F2, F2, F2, F2, F3),
     )
 )
 def slope_derivatives(
@@ -314,6 +350,11 @@ def slope_derivatives(
     v,
     a,
     lambda_,
+    directions,
+    duals,
+    points,
+    weights,
+    scratch,
     transposed,
     unit,
     solved,
@@ -324,10 +365,11 @@ def slope_derivatives(
     out,
 ):
     """Derivatives of the slopes (Z z_II, z_II') of states by positions and velocities,
-    (states, N, N), but for what `linearise` leaves out; returns as `solve_columns`.
+    (states, N, N); returns as `solve_columns`.
 
     Parameters
     ----------
+    directions, duals, points, weights, scratch : as of `linearise_states`
     transposed : 1 for a row of `out` for each coordinate, 0 for each slope
     unit, Z, by_position, to_tangent : as of `rates_of_states`, of one state, 0
     solved, found : (2 velocities, rows), (N, N)
@@ -342,6 +384,12 @@ def slope_derivatives(
             return status
         kernels.linearise(system, work, times[k], z[k], v[k], a[k], lambda_[k])
         _write_derivatives(system, work, solved)
+        if len(directions) > 0:
+            _complete_derivatives(
+                *(kernels, system, work, times[k], z[k], v[k], a[k], lambda_[k]),
+                *(directions, duals, points, weights, scratch, solved),
+            )
+            evaluate_accelerations(kernels, system, work, memory, times[k], z[k], v[k])
         _solve(system, work, memory, solved)
         _rate_derivatives(system, z[k], v[k], unit, Z, by_position, to_tangent)
         for i in range(nz):

@@ -28,6 +28,8 @@ import numpy as np
 from sidtool.formats.base.sid import Array
 from sidtool.formats.scene import Outputs
 
+from ..initial_state.assembly import StateVectors, assemble
+from ..initial_state.initial_friction import with_prescribed_friction
 from ..initial_state.integrator_start import RunSettings
 from ..integrators import loop_state
 from ..integrators.singular_configurations import NEAR_SINGULAR
@@ -37,6 +39,7 @@ from ..output.dense_output import StepPoints, StepStates
 from ..output.energies import EnergyIntegrals
 from ..output.events import EventDetector
 from ..output.samples import StateSampler
+from ..output.stick_slip import with_friction_states
 from ..spatial import system_arrays as at
 from ..spatial.system_arrays import IntTable
 from ..system.body_table import needs_reactions
@@ -524,19 +527,19 @@ def _follow(run: _GridRun, grid: Grid) -> Motion:
     return run.motion(run.current_time)
 
 
-def frozen_start(system: System, grid: Grid) -> RunStart:
-    """Start of a run on a grid.
+def frozen_start(system: System, grid: Grid) -> tuple[System, StateVectors]:
+    """The system of a run on a grid, and the state in which it begins.
 
     Raises
     ------
     InputError : no start position meets the constraints.
     StructureChange : other constraints are active.
     """
-    settings = replace(grid.settings, rtol=TOLERANCES[0], step=1.0)
-    start = prepare_run(system, settings, (), None)
-    if _structure(start.system) != grid.structure:
+    assembled, start = assemble(system)
+    prepared = with_friction_states(with_prescribed_friction(assembled, start))
+    if _structure(prepared) != grid.structure:
         raise StructureChange("other constraints are active")
-    return start
+    return prepared, start
 
 
 def grid_times(system: System, grid: Grid) -> tuple[Array, Array]:

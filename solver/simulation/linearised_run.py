@@ -23,7 +23,7 @@ from ..dynamics.equations_of_motion import kernel_pointers
 from ..integrators import batch_evaluation, linearised_steps
 from ..integrators.radau_stages import collocation_matrix, radau_tableau
 from ..spatial import system_arrays as at
-from ..spatial.system_arrays import IntTable
+from ..spatial.system_arrays import IntTable, WorkArrays
 from ..system.characteristic_sizes import coordinate_sizes
 from ..system.system import System
 from ..system.work_arrays import new_memory, new_work_arrays, raise_pending
@@ -48,6 +48,8 @@ SECOND_ORDER = np.array([-1.0, 1.0]), np.array([-0.5, 0.5])
 #: States at which each coordinate is tried, and sizes of the rows of residuals,
 #: relative to the largest one, below which they count as that.
 TRIED_STATES, SMALL_ROW = 10, 1e-5
+#: Singular values of rotations of markers, relative to the largest, that are rounding.
+RANK = 1e-12
 #: Numbers in the matrices of the steps that are treated together.
 BLOCK_NUMBERS = 400_000
 
@@ -119,8 +121,8 @@ class LinearisedRun:
     nz, nv, m : positions without counted rotations, velocities, constraints
     stages : (steps * s) states
     accelerations, multipliers : of the stages
-    differenced : coordinates by which derivatives are differences, as `linearise` is
-        not complete
+    directions, duals : changes of the state along which derivatives are differences, as
+        `linearise` is not complete, see `batch_evaluation.linearise_states`
     difference : points and weights of these
     """
 
@@ -158,9 +160,11 @@ class LinearisedRun:
             np.abs(self.stages.v).max(axis=0), sizes / (self.times[-1] - self.times[0])
         )
         self.steps_z = PERTURBATION * self._position_sizes(sizes)
+        #: steps of differences by tangent positions and by velocities
+        self.tangent_steps = np.concatenate([PERTURBATION * sizes, self.steps_v])
         self.difference = FOURTH_ORDER
-        self.differenced = np.zeros(0, np.int64)
-        self.differenced = self._incomplete_coordinates()
+        self.directions, self.duals = self._along(np.zeros(0, np.int64))
+        self._find_directions()
 
     def _table(self, values: Array) -> Array:
         """States at the points of all steps, (steps, points, .)."""
@@ -210,11 +214,14 @@ class LinearisedRun:
         if status != 0:
             raise NotLinearisable("a singular configuration")
 
-    def residuals(self, system: System, states: States) -> Array:
+    def residuals(self, system: System, states: States, work: WorkArrays) -> Array:
         """(r, g) of a neighbouring system at the stages, with the accelerations and
         multipliers of this run, (states, rows).
+
+        Parameters
+        ----------
+        work : of the system
         """
-        work = self.work if system is self.system else new_work_arrays(system)
         out = np.zeros((len(states.times), self.nv + self.m))
         batch_evaluation.residuals_of_states(
             *(self.kernels, system.arrays, work),
@@ -223,9 +230,8 @@ class LinearisedRun:
         raise_pending(system)
         return out
 
-    def constraints(self, system: System, states: States) -> Array:
+    def constraints(self, system: System, states: States, work: WorkArrays) -> Array:
         """Residuals of the constraints and their rates of a system, (states, 2 m)."""
-        work = new_work_arrays(system)
         out = np.zeros((len(states.times), 2 * self.m))
         batch_evaluation.constraints_of_states(
             self.kernels, system.arrays, work, *states.arguments, out
@@ -253,12 +259,11 @@ class LinearisedRun:
 
     def _residual_derivatives(self, rows: slice | IntTable) -> Array:
         """(r, g) of some stages by positions and velocities, (., nz + nv, nv + m)."""
-        if len(self.differenced) == self.nz + self.nv:
-            return self._differences(rows, self.differenced)
-        found = self._known_derivatives(rows)
-        if len(self.differenced):
-            found[:, self.differenced] = self._differences(rows, self.differenced)
-        return found
+        found = self._tangent_derivatives(rows)
+        states = self.stages.selected(rows)
+        to_tangent = position_rates(self.system, states.z, states.v).to_tangent
+        by_position = to_tangent.transpose(0, 2, 1) @ found[:, : self.nv]
+        return np.concatenate([by_position, found[:, self.nv :]], axis=1)
 
     def _states_with_forces(self, rows: slice | IntTable) -> tuple[Array, ...]:
         """Some stages with accelerations and multipliers, as kernels take them."""
@@ -266,65 +271,90 @@ class LinearisedRun:
         states = self.stages.selected(rows)
         return (*states.arguments, *map(np.ascontiguousarray, parts))
 
-    def _differences(
+    def _tangent_derivatives(
         self,
         rows: slice | IntTable,
-        columns: IntTable,
+        along: tuple[Array, Array] | None = None,
         difference: tuple[Array, Array] | None = None,
     ) -> Array:
-        """Derivatives by some coordinates, as differences.
+        """(r, g) of some stages by tangent positions and velocities, (., 2 nv, nv + m).
 
         Parameters
         ----------
-        rows : of the stages
-        columns : coordinates
+        along : directions and their duals, default those of the run
         difference : points and weights, default `self.difference`
         """
-        points, weights = difference or self.difference
         given = self._states_with_forces(rows)
-        out = np.zeros((len(given[0]), len(columns), self.nv + self.m))
-        batch_evaluation.differentiate_states(
-            *(self.kernels, self.system.arrays, self.work),
-            *(*given, columns, self.steps_z, self.steps_v, points, weights, out),
+        out = np.zeros((len(given[0]), 2 * self.nv, self.nv + self.m))
+        batch_evaluation.linearise_states(
+            *(self.kernels, self.system.arrays, self.work, *given),
+            *(along or (self.directions, self.duals)),
+            *(difference or self.difference),
+            *(derivative_scratch(self.system), out),
         )
         return out
-
-    def _known_derivatives(self, rows: slice | IntTable) -> Array:
-        """Derivatives by all coordinates that `linearise` knows."""
-        given = self._states_with_forces(rows)
-        tangent = np.zeros((len(given[0]), 2 * self.nv, self.nv + self.m))
-        batch_evaluation.linearise_states(
-            self.kernels, self.system.arrays, self.work, *given, tangent
-        )
-        to_tangent = position_rates(self.system, given[2], given[3]).to_tangent
-        by_position = to_tangent.transpose(0, 2, 1) @ tangent[:, : self.nv]
-        return np.concatenate([by_position, tangent[:, self.nv :]], axis=1)
 
     def rows_between(self, count: int) -> IntTable:
         """Rows of so many stages."""
         last = len(self.stages.times) - 1
         return np.unique(np.linspace(0, last, count).astype(np.int64))
 
-    def _incomplete_coordinates(self) -> IntTable:
-        """Coordinates by which `linearise` leaves something out."""
-        everything = np.arange(self.nz + self.nv)
+    def _find_directions(self) -> None:
+        """Find directions along which `linearise` leaves something out."""
         if self._agrees():
-            return everything[:0]
-        rows = self.rows_between(TRIED_STATES)
+            return
+        rows, steps = self.rows_between(TRIED_STATES), self.tangent_steps[:, None]
         near, wide = self._changes(rows, FOURTH_ORDER)
         sizes = self._row_sizes(np.abs(near).max(axis=(0, 1)))
-        known = self._known_derivatives(rows) * self.coordinate_steps[:, None]
+        known = self._tangent_derivatives(rows) * steps
         error = np.minimum(np.abs(known - near), np.abs(known - wide)).max(axis=0)
-        self.differenced = np.flatnonzero((error / sizes).max(axis=1) > COMPLETE / 10)
+        incomplete = (error / sizes).max(axis=1) > COMPLETE / 10
         near2, wide2 = self._changes(rows, SECOND_ORDER)
         away = np.abs(wide2 - wide) / WIDE_STEP**2  # falls with the square of the step
         second = np.minimum(np.abs(near2 - near), away) / sizes
         is_enough = second.max(initial=0.0) <= COMPLETE / 10
         self.difference = SECOND_ORDER if is_enough else FOURTH_ORDER
-        if self._agrees():
-            return self.differenced
+        for found in self._by_markers(incomplete), self._along(incomplete.nonzero()[0]):
+            self.directions, self.duals = found
+            if self._agrees():
+                return
         self.difference = FOURTH_ORDER
-        return everything
+        self.directions, self.duals = self._along(np.arange(2 * self.nv))
+
+    def _along(self, coordinates: IntTable) -> tuple[Array, Array]:
+        """Directions and duals of differences by single coordinates."""
+        one, steps = np.eye(2 * self.nv)[coordinates], self.tangent_steps
+        return one * steps, one / steps
+
+    def _by_markers(self, incomplete: NDArray[np.bool_]) -> tuple[Array, Array]:
+        """Directions and duals for incomplete coordinates (2 nv,).
+
+        Elastic coordinates change what `linearise` leaves out by the rotations of the
+        markers alone, which are fewer.
+        """
+        system, rest = self.system, incomplete.copy()
+        directions, duals = [np.zeros((0, len(rest)))], [np.zeros((0, len(rest)))]
+        for data, row in zip(system.bodies, system.arrays.body, strict=True):
+            names = [marker for body, marker in system.markers if body == data.name]
+            count = int(row[at.NQ])
+            if not count or not names:
+                continue
+            psi = np.vstack([data.node(name).psi.m0 for name in names])
+            last = int(row[at.VEL] + row[at.NV])
+            for end in (last, last + self.nv):
+                group = slice(end - count, end)
+                steps = self.tangent_steps[group]
+                _, sizes, V = np.linalg.svd(psi * steps, full_matrices=False)
+                V = V[sizes > RANK * sizes.max()]
+                if not 0 < len(V) < rest[group].sum():
+                    continue
+                both = np.zeros((2, len(V), len(rest)))
+                both[0][:, group], both[1][:, group] = V * steps, V / steps
+                directions.append(both[0])
+                duals.append(both[1])
+                rest[group] = False
+        others = self._along(rest.nonzero()[0])
+        return np.vstack([*directions, others[0]]), np.vstack([*duals, others[1]])
 
     def _changes(
         self, rows: IntTable, difference: tuple[Array, Array]
@@ -333,10 +363,11 @@ class LinearisedRun:
         over these steps and over wide ones.
         """
         (points, weights), found = difference, []
-        steps = self.coordinate_steps[:, None]
+        everything = self._along(np.arange(2 * self.nv))
         for width in (1.0, WIDE_STEP):
             scaled = width * points, weights / width
-            found.append(self._differences(rows, np.arange(len(steps)), scaled) * steps)
+            changes = self._tangent_derivatives(rows, everything, scaled)
+            found.append(changes * self.tangent_steps[:, None])
         return found[0], found[1]
 
     def _row_sizes(self, changes: Array) -> Array:
@@ -399,16 +430,14 @@ class LinearisedRun:
         out = np.empty((len(given[0]), size, size))
         status = batch_evaluation.slope_derivatives(
             *(self.kernels, self.system.arrays, self.work, self.memory, *given),
+            *(self.directions, self.duals, *self.difference),
+            derivative_scratch(self.system),
             *(int(transposed), np.zeros(nv), np.zeros((2 * nv, nv + self.m))),
             *(np.zeros((nv, nz)), np.zeros((nz, nz)), np.zeros((nv, nz))),
             *(np.zeros((size, size)), out),
         )
         if status != 0:
             raise NotLinearisable("a singular configuration")
-        if len(self.differenced):
-            columns = self.solve(rows, self._differences(rows, self.differenced))
-            found = out.transpose(0, 2, 1) if transposed else out
-            found[:, nz:, self.differenced] = -columns[..., :nv].transpose(0, 2, 1)
         return out
 
     def march(
@@ -466,6 +495,11 @@ class LinearisedRun:
         if status != 0:
             raise NotLinearisable("steps in which the equations change too much")
         return stages.reshape(n, count, s, size), starts.reshape(n, count, size)
+
+
+def derivative_scratch(system: System) -> Array:
+    """Scratch of `batch_evaluation.linearise_states`."""
+    return np.zeros((4, max(system.n_positions, system.n_velocities + system.n_rows)))
 
 
 def check_linearisable(motion: Motion, grid: Grid) -> None:

@@ -19,6 +19,7 @@ from ..integrators import batch_evaluation
 from ..output.dense_output import StepStates
 from ..spatial import system_arrays as at
 from ..system.system import System
+from ..system.work_arrays import new_work_arrays
 from .frozen_run import Motion, frozen_start, grid_times
 from .linearised_run import (
     COMPARED_STATES,
@@ -230,26 +231,25 @@ class MotionDerivatives:
     def _neighbour(self, system: System) -> _Neighbour:
         """A neighbouring system at the states of this run."""
         run = self.run
-        start = frozen_start(system, run.grid)
+        system, start = frozen_start(system, run.grid)
         times, intervals = run.times, run.intervals
-        if start.system.breaks != run.system.breaks or (
-            start.system.scene.time.start != times[0]
-        ):
-            times, intervals = grid_times(start.system, run.grid)
+        if system.breaks != run.system.breaks or (system.scene.time.start != times[0]):
+            times, intervals = grid_times(system, run.grid)
         clocks = run.step_clocks(intervals)
         stages = run.stages.moved(
             np.repeat(clocks, run.s), run.stage_times(times).ravel()
         )
         ends = self.ends.moved(clocks[:-1].copy(), times[1:-1].copy())
         rates = None
-        if self._orientations(start.system) != self._orientations(run.system):
-            rates = position_rates(start.system, stages.z, stages.v).rate
+        if self._orientations(system) != self._orientations(run.system):
+            rates = position_rates(system, stages.z, stages.v).rate
+        work = new_work_arrays(system)
         return _Neighbour(
-            start.system,
+            system,
             times,
-            run.residuals(start.system, stages),
-            run.constraints(start.system, ends),
-            np.concatenate([start.begin.z[: run.nz], start.begin.v]),
+            run.residuals(system, stages, work),
+            run.constraints(system, ends, work),
+            np.concatenate([start.z[: run.nz], start.v]),
             rates,
         )
 
@@ -300,7 +300,7 @@ class MotionDerivatives:
                 current,
             )
             states = np.concatenate([starts[:, :, None], stages], axis=2)
-            parts.append(np.einsum("pk,nckr->nprc", self._points, states))
+            parts.append((self._points @ states).transpose(0, 2, 3, 1))
         table = np.concatenate(parts).reshape(-1, nz + nv, n_columns)
         counters = np.zeros((len(table), run.system.n_rotation_counters, n_columns))
         z = np.concatenate([table[:, :nz], counters], axis=1)

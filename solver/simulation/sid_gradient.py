@@ -44,7 +44,12 @@ from ..system.build import build_system
 from ..system.rotated_markers import marker_rotations
 from ..system.system import System
 from ..system.work_arrays import new_work_arrays
-from .linearised_run import PERTURBATION, LinearisedRun, NotLinearisable
+from .linearised_run import (
+    PERTURBATION,
+    LinearisedRun,
+    NotLinearisable,
+    derivative_scratch,
+)
 from .motion_derivatives import AdjointGradient, MotionDerivatives
 
 #: Flags of bodies whose residual has other terms.
@@ -432,30 +437,26 @@ class _StageDerivatives:
         z, v, a = moved.expanded(stages.z, stages.v, run.accelerations)
         self._states = stages.clocks, stages.times, z, v, a
         self._given = run.kernels, system.arrays, new_work_arrays(system)
-        n, count = len(z), moved.added.stop - moved.added.start
+        n = len(z)
         nv, rows = system.n_velocities, system.n_velocities + run.m
-        if len(run.differenced):
-            nz = z.shape[1]
+        added = np.r_[moved.added]
+        chosen = np.concatenate([added, nv + added])
+        directions = np.zeros((0, 2 * nv))
+        duals = directions
+        if len(run.directions):
             lengths = np.where(np.array(moved.directions) < 3, system.length, 1.0)
-            steps_z, steps_v = np.ones(nz), np.ones(nv)
             sizes = PERTURBATION * np.tile(lengths, len(moved.nodes))
-            steps_z[moved.added_z] = sizes
-            steps_v[moved.added] = sizes / (run.times[-1] - run.times[0])
-            chosen = np.concatenate(
-                [np.r_[moved.added_z], nz + np.r_[moved.added]]
-            ).astype(np.int64)
-            self._by = np.zeros((n, 2 * count, rows))
-            batch_evaluation.differentiate_states(
-                *(*self._given, *self._states, run.multipliers),
-                *(chosen, steps_z, steps_v, *run.difference, self._by),
-            )
-        else:
-            tangent = np.zeros((n, 2 * nv, rows))
-            batch_evaluation.linearise_states(
-                *self._given, *self._states, run.multipliers, tangent
-            )
-            added = np.r_[moved.added]
-            self._by = tangent[:, np.concatenate([added, nv + added])]
+            duration = run.times[-1] - run.times[0]
+            steps, one = np.concatenate([sizes, sizes / duration]), np.eye(2 * nv)
+            directions = one[chosen] * steps[:, None]
+            duals = one[chosen] / steps[:, None]
+        tangent = np.zeros((n, 2 * nv, rows))
+        batch_evaluation.linearise_states(
+            *(*self._given, *self._states, run.multipliers),
+            *(directions, duals, *run.difference),
+            *(derivative_scratch(system), tangent),
+        )
+        self._by = tangent[:, chosen]
         self.forces = self._residuals(run.multipliers)
         self._without_multipliers = self._residuals(np.zeros_like(run.multipliers))
 
@@ -486,6 +487,7 @@ class _EndDerivatives:
     def __init__(self, derivatives: MotionDerivatives, moved: _MovedNodes) -> None:
         run, ends, system = derivatives.run, derivatives.ends, moved.system
         z, v, _ = moved.expanded(ends.z, ends.v, ends.v)
+        work = new_work_arrays(system)
         count = moved.added.stop - moved.added.start
         self._by = np.zeros((count, len(z), 2 * run.m))
         for k in range(count):
@@ -497,7 +499,7 @@ class _EndDerivatives:
                 changed = z.copy()
                 changed[:, moved.added_z.start + k] += point * step
                 states = replace(ends, z=changed, v=v)
-                self._by[k] += weight / step * run.constraints(system, states)
+                self._by[k] += weight / step * run.constraints(system, states, work)
 
     def along(self, mu: Array) -> tuple[Array, Array]:
         """Derivatives of mu . (c, c') by positions and velocities of the added

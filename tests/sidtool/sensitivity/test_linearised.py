@@ -95,7 +95,7 @@ def test_adjoint_and_direct_are_transposes() -> None:
     point = point_of(scene, keys, ["rms(rod.q1)"])
     assert point.history is not None and point.grid is not None
     run = LinearisedRun(point.history.motion, point.grid)
-    assert not len(run.differenced)
+    assert not len(run.directions)
     derivatives = MotionDerivatives(run)
     changes = []
     for k, value in enumerate(point.x):
@@ -404,7 +404,9 @@ def test_rates_of_constraints_by_positions(scene: sidtool.Scene) -> None:
         for sign in (1.0, -1.0):
             z = ends.z.copy()
             z[:, : run.nz] += sign * 1e-6 * found.Z[:, :, k]
-            parts.append(run.constraints(run.system, replace(ends, z=z))[:, run.m :])
+            parts.append(
+                run.constraints(run.system, replace(ends, z=z), run.work)[:, run.m :]
+            )
         expected = (parts[0] - parts[1]) / 2e-6
         size = 1.0 + np.abs(expected).max()
         assert np.abs(found.rates[:, k] - expected).max() < 1e-8 * size
@@ -485,7 +487,7 @@ def test_rows_of_rounding_do_not_ask_for_differences() -> None:
     )
     assert point.history is not None and point.grid is not None
     run = LinearisedRun(point.history.motion, point.grid)
-    assert 0 < len(run.differenced) < (run.nz + run.nv) / 2
+    assert 0 < len(run.directions) < (run.nz + run.nv) / 2
 
 
 def test_a_load_that_begins_to_turn_on_an_elastic_arm() -> None:
