@@ -40,7 +40,7 @@ COMPILER_FOLDER = Path(__file__).resolve().parent
 _warned: set[str] = set()
 
 #: Globals that kernels take into their code; others only share a name with a field.
-HASHED_TYPES = (bool, int, float, complex, str, tuple, KernelType)
+HASHED_TYPES = (bool, int, float, complex, str, tuple, list, dict, KernelType)
 #: What decides beside the code of a kernel what becomes of it.
 COMPILER_MODULES = (
     "compiler.kernels",
@@ -185,8 +185,15 @@ def kernel_digest(function: FunctionType, signatures: tuple[Any, ...]) -> str:
     Its name is a part: kernels of plane and of space are written once.
     """
     texts = [function.__qualname__, *map(_type_text, signatures)]
-    texts.append(_function_text(function, {}))
-    return _digest("\n".join(texts))
+    functions, numbers = [function], {function: 0}
+    for each in functions:  # which grow meanwhile
+        text, callees = _function_text(each)
+        for callee in callees:
+            if callee not in numbers:
+                numbers[callee] = len(functions)
+                functions.append(callee)
+        texts.append(f"{text} {[numbers[callee] for callee in callees]}")
+    return hashlib.sha256("\n".join(texts).encode()).hexdigest()
 
 
 @cache
@@ -196,10 +203,6 @@ def compiler_digest() -> str:
     specs: list[Any] = [find_spec(f"{solver}.{name}") for name in COMPILER_MODULES]
     sources = [spec.loader.get_data(spec.origin) for spec in specs]
     return hashlib.sha256(b"".join(sources)).hexdigest()
-
-
-def _digest(text: str) -> str:
-    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def _type_text(kind: Any) -> str:
@@ -217,13 +220,15 @@ def _table_text(kind: TableType) -> str:
     return f"{kind}{kind.fields}({' '.join(map(_type_text, members))})"
 
 
-def _function_text(function: FunctionType, seen: dict[CodeType, int]) -> str:
-    """Bytecode and constants of a function and of everything it refers to."""
+@cache
+def _function_text(function: FunctionType) -> tuple[str, list[FunctionType]]:
+    """Bytecode and constants of a function, and the functions that it refers to.
+
+    Those of one factory have the same code, and differ in what they enclose.
+    """
     code = function.__code__
-    if code in seen:
-        return f"<{seen[code]}>"
-    seen[code] = len(seen)
     parts = [_code_text(code), repr(function.__defaults__)]
+    callees: list[FunctionType] = []
     scope = {name: function.__globals__.get(name) for name in _looked_up_names(code)}
     cells = function.__closure__ or ()
     enclosed = {
@@ -232,14 +237,12 @@ def _function_text(function: FunctionType, seen: dict[CodeType, int]) -> str:
     for name, value in (scope | enclosed).items():
         # kernels and numba's functions have a py_func, intrinsics a _defn
         python = getattr(value, "py_func", None) or getattr(value, "_defn", None)
+        python = value if isinstance(value, FunctionType) else python
         either = getattr(value, "py_funcs", () if python is None else (python,))
-        if either:
-            parts += [_function_text(function, seen) for function in either]
-        elif isinstance(value, HASHED_TYPES):
-            parts.append(f"{name}={value!r}")
-        elif isinstance(value, FunctionType):
-            parts.append(f"{name}={value.__qualname__}")
-    return " ".join(parts)
+        callees += either
+        if either or isinstance(value, HASHED_TYPES):
+            parts.append(name if either else f"{name}={value!r}")
+    return " ".join(parts), callees
 
 
 def _code_text(code: CodeType) -> str:

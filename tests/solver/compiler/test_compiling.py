@@ -14,9 +14,10 @@ import pytest
 
 from sidtool.formats.diagnostics.record import DiagnosticWarning
 from sidtool.solver.compiler import kernel_cache, precompile
-from sidtool.solver.compiler.inner_kernels import Intrinsic
-from sidtool.solver.compiler.kernels import entry
+from sidtool.solver.compiler.inner_kernels import Intrinsic, inner
+from sidtool.solver.compiler.kernels import Entry, entry
 from sidtool.solver.compiler.types import float64
+from sidtool.solver.compiler.vectors import formula
 from sidtool.solver.integrators.registry import all_step_loops
 from tests.codes import only_warning
 from tests.places import ROOT
@@ -107,6 +108,29 @@ def test_another_constant_in_a_kernel_below_is_another_kernel() -> None:
     assert two(1.5) == 3.0 and three(1.5) == 4.5
     ones = [kernel.code_digest for kernel in (two, three, scaled(2.0))]
     assert ones[0] == ones[2] != ones[1]
+
+
+def weighted(factors: tuple[float, float], table: dict[str, float]) -> Entry:
+    """Two inner kernels of one factory, and a formula that reads a dictionary."""
+
+    def times(factor: float) -> Any:
+        return inner()(lambda x: factor * x)
+
+    def entry_of_table() -> float:
+        return table["entry"]
+
+    offset = formula(lambda x: x + entry_of_table())
+    first, second = map(times, factors)
+    return entry(float64(float64))(lambda x: first(x) + second(offset(x)))
+
+
+def test_all_that_a_kernel_refers_to_is_part_of_its_digest() -> None:
+    """Kernels of one factory have the same code; one of them alone was looked at."""
+    cases = [((2.0, 3.0), 1.0), ((2.0, 4.0), 1.0), ((3.0, 2.0), 1.0), ((2.0, 3.0), 5.0)]
+    kernels = [weighted(factors, {"entry": number}) for factors, number in cases]
+    assert len({kernel.code_digest for kernel in kernels}) == len(cases)
+    same = weighted(cases[0][0], {"entry": 1.0})
+    assert same.code_digest == kernels[0].code_digest
 
 
 def test_a_kernel_may_use_what_was_registered_after_another_was_compiled() -> None:
