@@ -42,7 +42,8 @@ def info(file: Path, verbose: bool) -> None:
     and share of the static compliance; frame, stiffening, stress, nodes, dialect.
     For a model: geometry, material, discretisation, frame, reduction, damping, and the
     position of every marker, for which the body is discretised. For an imported mesh or
-    matrices also mass, centre of mass, inertia, free frequencies and node sets.
+    matrices also mass, centre of mass, inertia, free frequencies (of more than 60 000
+    degrees of freedom with -v) and node sets.
     For a scene: bodies, joints, drives and forces with their parameters, degrees of
     freedom, redundant constraints, total mass, which terms the simulation includes, and
     for flexible bodies frequencies, excitation and expected stiffening. Terms of the
@@ -102,7 +103,7 @@ def _describe_model_file(content: Any, path: Path, verbose: bool) -> None:
     try:
         body = finite_element_model(content)
         if content.geometry.type in ("mesh", "matrices"):
-            imported = describe_import(body)
+            imported = describe_import(body, verbose)
     except InputError as error:
         failure = error
 

@@ -41,8 +41,9 @@ from .tables import TextBlock, format_numbers, named_values, text_table
 if TYPE_CHECKING:
     from sidtool.solver.diagnostics.run_summary import BodyEquations
 
-#: Number of elastic frequencies in the description.
-_FREQUENCIES = 10
+#: Number of elastic frequencies in the description, and degrees of freedom above which
+#: they are left out: they would take minutes.
+_FREQUENCIES, _MANY_DOFS = 10, 60_000
 #: Keys of forces that are not listed as parameters.
 _NO_NUMBERS = frozenset(["type", "marker", "markers", "joint", "coordinate"])
 _LONG = frozenset(["polynomial", "spline", "table", "sum", "callable"])
@@ -189,10 +190,18 @@ def _join_values(values: tuple[float | None, ...]) -> str:
     return ", ".join("" if value is None else f"{value:.6g}" for value in values)
 
 
-def describe_import(body: FiniteElementModel) -> str:
-    """Describe mass, centre of mass, inertia and free frequencies of a body."""
+def describe_import(body: FiniteElementModel, verbose: bool = False) -> str:
+    """Describe mass, centre of mass, inertia and free frequencies of a body.
+
+    verbose : free frequencies also of bodies with very many degrees of freedom
+    """
     mass, centre, inertia = _body_inertia(body)
-    rigid, elastic = _free_frequencies(body, centre)
+    rigid = _rigid_frequencies(body, centre)
+    if body.ndof > _MANY_DOFS and not verbose:
+        elastic = f"left out for {body.ndof} degrees of freedom; -v computes them"
+    else:
+        found = _free_frequencies(body)
+        elastic = f"{format_numbers(found)} Hz" if found.size else "(none)"
     size = float(np.abs(body.positions).max())
     entries = [
         ("nodes", str(len(body.positions))),
@@ -203,10 +212,7 @@ def describe_import(body: FiniteElementModel) -> str:
             f"{len(rigid)} rigid motions",
             f"at most {rigid.max():.2g} Hz, as the stiffness resists them",
         ),
-        (
-            "free frequencies",
-            f"{format_numbers(elastic)} Hz" if elastic.size else "(none)",
-        ),
+        ("free frequencies", elastic),
     ]
     return named_values(entries)
 
@@ -245,21 +251,23 @@ def _principal_axes(body: FiniteElementModel) -> str:
     return " (zz)" if body.dimension == 2 else " (xx, yy, zz, xy, yz, xz)"
 
 
-def _free_frequencies(body: FiniteElementModel, centre: Array) -> tuple[Array, Array]:
-    """Return frequencies [Hz] of rigid motions by the stiffness, and the first elastic
-    ones.
-    """
+def _rigid_frequencies(body: FiniteElementModel, centre: Array) -> Array:
+    """Return frequencies [Hz] of rigid motions by the stiffness."""
     rigid = body.rigid_body_modes(centre)
     energy = np.einsum("ik,ik->k", rigid, body.stiffness @ rigid)
     inertia = np.einsum("ik,ik->k", rigid, body.mass @ rigid)
-    resisted = np.sqrt(np.abs(energy) / inertia) / (2 * np.pi)
+    return np.sqrt(np.abs(energy) / inertia) / (2 * np.pi)
+
+
+def _free_frequencies(body: FiniteElementModel) -> Array:
+    """Return the first elastic frequencies [Hz]; none if they cannot be computed."""
     space = constrained_space(body, buckens_frame(body, BuckensFrame(type="buckens")))
-    free = space.stiffness.shape[0] - rigid.shape[1]
+    free = space.stiffness.shape[0] - space.rigid.shape[1]
     try:
         values, _ = space.modes(min(_FREQUENCIES, free))
     except InputError:
-        return resisted, np.zeros(0)
-    return resisted, np.sqrt(np.maximum(values, 0.0)) / (2 * np.pi)
+        return np.zeros(0)
+    return np.sqrt(np.maximum(values, 0.0)) / (2 * np.pi)
 
 
 def _extent_text(points: Array, size: float) -> list[str]:

@@ -18,6 +18,7 @@ from sidtool.formats.base.sid import J_INDICES, SID
 from sidtool.importers.mesh_files import read_mesh
 from sidtool.mesh.reference_elements import reference_element
 from sidtool.pipeline.model_to_sid import sid_from_model
+from sidtool.report import input_files
 from tests.codes import only
 
 from .decks import STEEL, Block, deck, frequencies
@@ -376,7 +377,9 @@ def test_surfaces_of_quadratic_elements_hold_their_middle_nodes(tmp_path: Path) 
         assert len(visible) == corners
 
 
-def test_info_lists_the_imported_content(tmp_path: Path) -> None:
+def test_info_lists_the_imported_content(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Mass, centre and inertia of the bar, six free motions, its sets and markers."""
     block = Block(COUNTS, SIZE)
     sid = body(tmp_path, bulk(*rigid(block, (0.7, 0.03, 0.01))))
@@ -397,3 +400,6 @@ def test_info_lists_the_imported_content(tmp_path: Path) -> None:
     assert read("6 rigid motions")[0] < 0.1
     assert_allclose(read("free frequencies")[:4], frequencies(sid), rtol=1e-5)
     assert read("SPC7")[0] == len(block.left)
+    monkeypatch.setattr(input_files, "_MANY_DOFS", 10)  # where these would take minutes
+    brief = CliRunner().invoke(cli, ["info", str(tmp_path / "model.json")])
+    assert f"left out for {3 * len(block.points)} degrees of freedom" in brief.output
