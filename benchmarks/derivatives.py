@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import statistics
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 
@@ -42,6 +42,18 @@ CHANGES = {
 FINE, TIMED = 1e-10, 20
 #: Numbers of variables of which the cost is measured, and how often.
 COUNTS, TURNS = (1, 10, 60, 1000), 5
+#: Numbers of the scene whose cost is measured, one and all of them.
+NUMBERS = (
+    "piston.mass",
+    "crank.mass",
+    "crank.inertia",
+    "crank.centre_of_mass[0]",
+    "crank.centre_of_mass[1]",
+    "crank.markers.bearing.position[0]",
+    "crank.markers.bearing.position[1]",
+    "crank.markers.pin.position[0]",
+    "crank.markers.pin.position[1]",
+)
 #: Measurements of each scene, noise relative to the range of the output.
 TRIALS, NOISE = {"block": 1000, "bar": 200}, 0.01
 
@@ -86,9 +98,11 @@ def run(folder: Path, name: str, say: Callable[[str], None]) -> Report:
     )
     caption_of_costs = (
         "Cost of all derivatives of `max_abs(rod.q1)` of the founding slider-crank by "
-        "the masses of the piston and groups of it, in turns with one `compiled.run`: "
-        "median of the ratios of processor times:"
+        "the mass of the piston and groups of it, and of each further of nine masses "
+        "and positions, in turns with one `compiled.run`: median of the ratios of "
+        "processor times:"
     )
+    cost_header = ["method", *map(str, COUNTS), "further number"]
     caption_of_fits = (
         "Identification from 101 noisy values of a position (noise 1 % of its range): "
         "95 % intervals that contain the true value:"
@@ -98,7 +112,7 @@ def run(folder: Path, name: str, say: Callable[[str], None]) -> Report:
         title="Derivatives of motions, intervals of identified numbers",
         tables=[
             Table(caption, header, rows, True),
-            Table(caption_of_costs, ["method", *map(str, COUNTS)], costs, True),
+            Table(caption_of_costs, cost_header, costs, True),
             Table(caption_of_fits, fits, _coverage(TRIALS, say), True),
         ],
         machine=describe_machine(),
@@ -106,7 +120,9 @@ def run(folder: Path, name: str, say: Callable[[str], None]) -> Report:
 
 
 def _costs(scene: sidtool.Scene, say: Callable[[str], None]) -> list[list[str]]:
-    """Rows: method, cost of the derivatives by some numbers of variables in runs."""
+    """Rows: method, cost of the derivatives by some numbers of variables in runs, cost
+    of each further number of the scene.
+    """
     rows = []
     for method in ("direct", "adjoint", "differences"):
         row = [method]
@@ -116,15 +132,22 @@ def _costs(scene: sidtool.Scene, say: Callable[[str], None]) -> list[list[str]]:
             if method == "differences" and count > 1:
                 row.append("")
                 continue
-            ratios = []
-            for _ in range(TURNS):
-                one, began = _seconds_of_a_run(scene), time.process_time()
-                sidtool.sensitivity(scene, names, FUNCTIONALS[0], jobs=1, method=method)
-                ratios.append((time.process_time() - began) / one)
-            row.append(f"{statistics.median(ratios):.1f}")
+            row.append(f"{_cost(scene, names, method):.1f}")
+        more = [_cost(scene, NUMBERS[:n], method) for n in (1, len(NUMBERS))]
+        row.append(f"{(more[1] - more[0]) / (len(NUMBERS) - 1):.2f}")
         say(f"  {method}: {', '.join(row[1:])} runs")
         rows.append(row)
     return rows
+
+
+def _cost(scene: sidtool.Scene, names: Sequence[str], method: str) -> float:
+    """Derivatives by some variables, in runs: median of the turns."""
+    ratios = []
+    for _ in range(TURNS):
+        one, began = _seconds_of_a_run(scene), time.process_time()
+        sidtool.sensitivity(scene, names, FUNCTIONALS[0], jobs=1, method=method)
+        ratios.append((time.process_time() - began) / one)
+    return statistics.median(ratios)
 
 
 def _seconds_of_a_run(scene: sidtool.Scene) -> float:

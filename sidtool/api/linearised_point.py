@@ -39,11 +39,11 @@ COLUMNS, COLUMN_NUMBERS = 32, 20_000_000
 #: Cost of a linearisation in runs: of a few coordinates in the plane; coordinates that
 #: cost one run more by their square, points of differences by all coordinates that need
 #: some, and all coordinates in space.
-LINEARISATION_RUNS = 4.0
+LINEARISATION_RUNS = 3.0
 COORDINATES_SQUARED, POINTS_PER_RUN, SPATIAL_PER_RUN = 60.0, 13.0, 30.0
 #: Variables per functional from which the adjoint method is cheaper, for functionals of
 #: so few times.
-ADJOINT_VARIABLES, ADJOINT_TIMES = 8, 20
+ADJOINT_VARIABLES, ADJOINT_TIMES = 4, 20
 #: Relative errors of derivatives with derivatives of the equations of motion that are
 #: exact, or in part by differences; the second grows along the motion, and was at most
 #: 4e-7 on a robot arm (2 s, 850 steps).

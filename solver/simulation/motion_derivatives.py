@@ -300,11 +300,12 @@ class MotionDerivatives:
                 current,
             )
             states = np.concatenate([starts[:, :, None], stages], axis=2)
-            parts.append((self._points @ states).transpose(0, 2, 3, 1))
-        table = np.concatenate(parts).reshape(-1, nz + nv, n_columns)
-        counters = np.zeros((len(table), run.system.n_rotation_counters, n_columns))
-        z = np.concatenate([table[:, :nz], counters], axis=1)
-        return z, table[:, nz:]
+            parts.append(self._points @ states)
+        table = np.concatenate(parts).transpose(1, 0, 2, 3)
+        table = table.reshape(n_columns, -1, nz + nv)
+        counters = np.zeros((*table.shape[:2], run.system.n_rotation_counters))
+        z = np.concatenate([table[..., :nz], counters], axis=2)
+        return np.moveaxis(z, 0, 2), np.moveaxis(table[..., nz:], 0, 2)
 
     def _forcing(self, steps: slice, changes: Sequence[ParameterChange]) -> Array:
         """Direct changes of the slopes at the stages of some steps, (steps, s, columns,
