@@ -130,16 +130,18 @@ def imported_mesh_model(model: ModelFile) -> FiniteElementModel:
         whole = _scale_mesh(upright, geometry, settings, units)
         mesh = without_free_nodes(whole)
         plain = replace(mesh, positions=mesh.positions.real)
+        moved = any(morph.amount != 0.0 for morph in geometry.morphs.values())
+        what = "mesh with geometry.morphs" if moved else "mesh"
         couplings = body_couplings(imported, whole, mesh, model)
         masses = body_masses(imported, couplings, mesh, units)
         equations, equation_notes = body_equations(imported, whole, mesh, units.length)
         joined = [c.nodes for c in couplings if c.rigid]
         check_mesh(
-            plain, "mesh", [*joined, *nodes_of_equations(equations, mesh.dimension)]
+            plain, what, [*joined, *nodes_of_equations(equations, mesh.dimension)]
         )
         straight = np.flatnonzero(np.isin(mesh.labels, list(imported.straight)))
-        check_conforming(plain, "mesh", straight)
-        check_contact(plain, "mesh", nodes_in_equations(equations, mesh, imported.ties))
+        check_conforming(plain, what, straight)
+        check_contact(plain, what, nodes_in_equations(equations, mesh, imported.ties))
         own = _file_materials(imported, geometry, units)
         materials = _body_materials(model, mesh, own)
         plane = mesh.dimension == 2

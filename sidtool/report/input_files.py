@@ -122,7 +122,12 @@ def _geometry_text(model: ModelFile) -> str:
         return f"frame, {len(geometry.points)} points, {members}"
     if not isinstance(geometry, NurbsGeometry | VolumeGeometry):
         file = getattr(geometry, "file", None) or getattr(geometry, "stiffness", None)
-        return geometry.type + (f" of {file}" if file else "")
+        moved = [
+            f"{name} by {morph.amount:g}"
+            for name, morph in getattr(geometry, "morphs", {}).items()
+            if morph.amount != 0.0
+        ]
+        return ", ".join([geometry.type + (f" of {file}" if file else ""), *moved])
     net: Any = geometry.control_points
     counts = []
     for _ in geometry.degrees:

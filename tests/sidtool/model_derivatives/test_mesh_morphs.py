@@ -237,6 +237,12 @@ def test_a_morph_has_one_direction(morph: dict[str, Any], tmp_path: Path) -> Non
     assert caught.value.place == "geometry.morphs.change"
 
 
+def test_elements_that_fold_name_the_morphs(tmp_path: Path) -> None:
+    with pytest.raises(InputError) as caught:
+        finite_element_model(bar(tmp_path, {"moves": MOVES, "amount": -2 * LENGTH}))
+    assert caught.value.place == "mesh with geometry.morphs"
+
+
 def test_parts_without_a_moved_set(tmp_path: Path) -> None:
     """Two bars that a tie joins: Laplace's equation does not cross the tie."""
     content = bar(tmp_path, {"moves": {"ROOT": [1.0, 0.0, 0.0]}, "amount": 0.01})
