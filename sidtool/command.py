@@ -4,6 +4,7 @@ import atexit
 import gc
 import os
 import sys
+from contextlib import suppress
 from typing import NoReturn
 
 from .formats.storage.operating_system import (
@@ -32,20 +33,25 @@ def main() -> NoReturn:
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     if is_usual_interrupt(signal_handler(INTERRUPT)):
         handle_signal(INTERRUPT, DEFAULT)
-    status: list[int] = []
+    status = list[int]()
     atexit.register(_skip_teardown, status)  # registered first, called last
     from .cli.main import main as command_line
 
     try:
         command_line()
     except SystemExit as end:
-        status.append(end.code)  # type: ignore[arg-type]
+        if isinstance(end.code, int):
+            status.append(end.code)
         raise
 
 
 def _skip_teardown(status: list[int]) -> None:
-    """End the process; to free all modules takes as long as half a simulation."""
-    if status:
+    """End the process; to free all modules takes as long as half a simulation.
+
+    Streams that take no more are left to the interpreter, which knows what to say.
+    """
+    with suppress(OSError, ValueError, AttributeError):
         sys.stdout.flush()
         sys.stderr.flush()
-        os._exit(status[0])
+        if status:
+            os._exit(status[0])
