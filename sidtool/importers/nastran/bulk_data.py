@@ -33,7 +33,7 @@ from ...mesh.imported_mesh import (
 from ...mesh.reference_elements import reference_element
 from .bar_sections import pbar, pbarl, pbeam, pbeaml, prod
 from .bars import bar, bar_defaults, bars_of, fill_bar_defaults, with_rigid_twist
-from .cards import CASE_CONTROL, Card, current_cards, read_cards
+from .cards import CASE_CONTROL, Card, GridRun, SolidRun, current_cards, read_cards
 from .constraints import (
     equations_of,
     read_case_control,
@@ -189,6 +189,9 @@ def _check_temperatures(content: BulkData) -> None:
 
 
 def _read_grid(content: BulkData, card: Card) -> None:
+    if isinstance(card, GridRun):
+        _read_grids(content, card)
+        return
     label = card.integer(0, "a node number")
     if label in content.nodes:
         raise duplicate_error("node", label, card)
@@ -202,6 +205,17 @@ def _read_grid(content: BulkData, card: Card) -> None:
     content.turned[label] = directions
     if card.word(6):
         content.unread_keywords["PS of GRID (supports)"] = None
+
+
+def _read_grids(content: BulkData, run: GridRun) -> None:
+    if not content.nodes.keys().isdisjoint(run.labels):
+        for label, place in zip(run.labels, run.places, strict=True):
+            if label in content.nodes:
+                raise duplicate_error("node", label, Card("GRID", place))
+    content.nodes.update(zip(run.labels, run.positions, strict=True))
+    given = zip(run.systems, run.places, strict=True)
+    content.local.update(zip(run.labels, given, strict=True))
+    content.turned.update(dict.fromkeys(run.labels, -1))
 
 
 def _read_grdset(content: BulkData, card: Card) -> None:
@@ -222,7 +236,26 @@ def _only_zero(card: Card, places: tuple[int, ...], problem: str) -> None:
             )
 
 
+def _read_solids(content: BulkData, run: SolidRun) -> None:
+    kind = _ELEMENTS[run.name].get(len(run.fields[0]) - 2)
+    if kind is None or min(map(min, run.fields)) <= 0:
+        for row, place in zip(run.fields, run.places, strict=True):
+            with content.stops.collect_errors():
+                _read_element(content, Card(run.name, place, list(map(str, row))))
+        return
+    nodes = [row[2:] for row in run.fields]
+    order = _ORDERS.get(kind, range(len(nodes[0])))
+    listed = [[row[i] for i in order] for row in nodes]
+    content.elements += [
+        (row[0], row[1], kind, own, place)
+        for row, own, place in zip(run.fields, listed, run.places, strict=True)
+    ]
+
+
 def _read_element(content: BulkData, card: Card) -> None:
+    if isinstance(card, SolidRun):
+        _read_solids(content, card)
+        return
     label = card.integer(0, "an element number")
     property_ = card.integer(1, "a property", label)
     most = max(_ELEMENTS[card.name])

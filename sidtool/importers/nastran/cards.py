@@ -143,6 +143,17 @@ _NARROW, _WIDE = (
     for width in (8, 16)
 )
 
+#: How the lines of a card GRID begin, in small and in large fields, and the columns of
+#: its number, its system and its coordinates.
+_GRID_HEADS = {False: ("GRID    ",), True: ("GRID*   ", "*       ")}
+_GRID_FIELDS = {1: (_NARROW[1:6],), 2: (_WIDE[1:5], _WIDE[1:2])}
+#: How cards of solids begin, in small fields, and their continuations.
+_SOLIDS = ("CTETRA  ", "CHEXA   ", "CPENTA  ", "CPYRAM  ")
+_CONTINUATIONS = ("        ", "+       ")
+_RUN_STARTS = ("GRID", *_SOLIDS)
+#: Lines of cards of one kind that are read at once.
+_MOST_IN_RUN = 20_000
+
 
 @dataclass(slots=True)
 class Card:
@@ -196,6 +207,38 @@ class Card:
         return real_number(word, f"{self.name}: {what}", self.place)
 
 
+@dataclass(slots=True)
+class GridRun(Card):
+    """Many cards GRID behind each other, without directions, supports and marks.
+
+    Attributes
+    ----------
+    labels : numbers of the nodes, all different
+    positions : coordinates
+    systems : of the coordinates, -1 for that of GRDSET
+    places : locations of the cards
+    """
+
+    labels: Sequence[int] = ()
+    positions: Sequence[tuple[float, float, float]] = ()
+    systems: Sequence[int] = ()
+    places: Sequence[str] = ()
+
+
+@dataclass(slots=True)
+class SolidRun(Card):
+    """Many cards of solid elements with as many fields, all of them whole numbers.
+
+    Attributes
+    ----------
+    fields : of every card
+    places : locations of the cards
+    """
+
+    fields: Sequence[Sequence[int]] = ()
+    places: Sequence[str] = ()
+
+
 def real_number(word: str, what: str, place: str) -> float:
     """A real number, as Nastran writes it.
 
@@ -226,7 +269,17 @@ def read_cards(path: Path, included: IncludedFiles | None = None) -> list[Card]:
     collector = _CardCollector()
     cards = collector.cards
     nested = path.name if len(included.open) > 1 else ""
-    for number, raw in lines[start:]:
+    i = by_card = start
+    while i < len(lines):
+        number, raw = lines[i]
+        if i >= by_card and raw.startswith(_RUN_STARTS):
+            read_run = _grid_run if raw.startswith("GRID") else _solid_run
+            run, by_card = read_run(lines, i, nested)
+            if run is not None:
+                cards.append(run)
+                i = by_card
+                continue
+        i += 1
         text = raw.split("$", 1)[0].rstrip()
         if not text:
             continue
@@ -251,6 +304,90 @@ def read_cards(path: Path, included: IncludedFiles | None = None) -> list[Card]:
         collector.add(text, place)
     included.open.pop()
     return control + collector.finish()
+
+
+def _grid_run(
+    lines: list[tuple[int, str]], first: int, nested: str
+) -> tuple[GridRun | None, int]:
+    """Return the cards GRID from a line on, and the number of the line behind them.
+
+    They are None if one of them has other fields than a number, a system and plain
+    coordinates: then the cards are read one by one.
+    """
+    heads = _GRID_HEADS[lines[first][1].startswith(_GRID_HEADS[True][0])]
+    columns, behind = _uniform_columns(lines, first, heads, _GRID_FIELDS[len(heads)])
+    if columns is None:
+        return None, behind
+    labels, systems, *axes = columns
+    try:
+        numbers = list(map(int, labels))
+        known = {x: int(x) if x.strip() else -1 for x in set(systems)}
+        positions = list(zip(*(map(float, x) for x in axes), strict=True))
+    except ValueError:
+        return None, behind
+    is_plain = (np.abs(positions) <= LARGEST_NUMBER).all()
+    if not is_plain or len(set(numbers)) < len(numbers):
+        return None, behind
+    places = [located_line(n, nested) for n, _ in lines[first : behind : len(heads)]]
+    chosen = [known[x] for x in systems]
+    run = GridRun("GRID", places[0], [], "", numbers, positions, chosen, places)
+    return run, behind
+
+
+def _solid_run(
+    lines: list[tuple[int, str]], first: int, nested: str
+) -> tuple[SolidRun | None, int]:
+    """Return the cards of solids from a line on, and the number of the line behind
+    them; None if one of them has other fields than whole numbers.
+    """
+    heads = [lines[first][1][:8]]
+    for _, text in lines[first + 1 : first + 4]:
+        if text[:8] not in _CONTINUATIONS:
+            break
+        heads.append(text[:8])
+    ending = lines[first + len(heads) - 1][1].rstrip()
+    fields = [_NARROW[1:9]] * (len(heads) - 1) + [_NARROW[1 : (len(ending) + 7) // 8]]
+    columns, behind = _uniform_columns(lines, first, tuple(heads), fields)
+    if columns is None:
+        return None, behind
+    try:
+        rows = list(zip(*(map(int, x) for x in columns), strict=True))
+    except ValueError:
+        return None, behind
+    places = [located_line(n, nested) for n, _ in lines[first : behind : len(heads)]]
+    return SolidRun(heads[0].rstrip(), places[0], [], "", rows, places), behind
+
+
+def _uniform_columns(
+    lines: list[tuple[int, str]],
+    first: int,
+    heads: Sequence[str],
+    fields: Sequence[Sequence[slice]],
+) -> tuple[list[list[str]] | None, int]:
+    """Return the fields of cards of one form from a line on, and the number of the line
+    behind them; None if one has further fields.
+
+    The last of the cards is omitted, since it may have continuations or be replicated.
+
+    Parameters
+    ----------
+    heads : how the lines of a card begin
+    fields : columns of the fields in each of its lines
+    """
+    size = len(heads)
+    texts = [text for _, text in lines[first : first + _MOST_IN_RUN]]
+    others = (i for i, x in enumerate(texts) if x[:8] != heads[i % size])
+    count = size * (next(others, len(texts)) // size - 1)
+    if count <= 0:
+        return None, first + size
+    parts = [[x.rstrip() for x in texts[i:count:size]] for i in range(size)]
+    for part, own in zip(parts, fields, strict=True):
+        end = own[-1].stop if own else 8
+        if max(map(len, part)) > end or any("\t" in x for x in part):
+            return None, first + count
+    pairs = zip(parts, fields, strict=True)
+    columns = [[x[field] for x in part] for part, own in pairs for field in own]
+    return columns, first + count
 
 
 def _split_case_control(lines: list[tuple[int, str]]) -> tuple[int, list[Card]]:
