@@ -49,6 +49,10 @@ ONLY_NODES = "EVERYTHING"
 MOST_MEMBERS = 5_000_000
 #: Suffix of the name of a keyword that the user ignores.
 LEFT_OUT = " (left out by geometry.ignore)"
+#: Kinds of elements whose nodes may coincide.
+_COLLAPSIBLE = ("quad4", "hex8")
+#: Labels up to so many times their number are found in a table.
+_DENSE = 10
 #: Elements without a kind.
 _CALLED = {RawBar: "bar", RawSpring: "spring"}
 
@@ -56,7 +60,8 @@ _CALLED = {RawBar: "bar", RawSpring: "spring"}
 def collapse_element(kind: str, nodes: Sequence[int]) -> tuple[str, list[int]]:
     """Return the element with coinciding nodes merged; others are unchanged.
 
-    A hexahedron may repeat them at any of its edges and faces.
+    Only kinds of `_COLLAPSIBLE` change. A hexahedron may repeat nodes at any of its
+    edges and faces.
     """
     listed = list(nodes)
     distinct = len(set(listed))
@@ -310,10 +315,10 @@ def assemble_mesh(
     elements = list(elements)
     check_unique_labels(elements)
     for element in elements:
-        kind, listed = collapse_element(element.kind, element.nodes)
-        if kind != element.kind:
-            element = replace(element, kind=kind, nodes=listed, formulation=None)
-        _check_nodes(element, nodes)
+        if element.kind in _COLLAPSIBLE:
+            kind, listed = collapse_element(element.kind, element.nodes)
+            if kind != element.kind:
+                element = replace(element, kind=kind, nodes=listed, formulation=None)
         alike = (element.kind, element.material, element.thickness, element.formulation)
         groups.setdefault(alike, []).append(element)
     if not groups:
@@ -329,7 +334,7 @@ def assemble_mesh(
     blocks = tuple(
         ElementBlock(
             kind,
-            rows_of_labels(labels, [e.nodes for e in group]),
+            _rows_of_nodes(group, labels, nodes),
             np.array([e.label for e in group], np.int64),
             material,
             thickness,
@@ -452,10 +457,36 @@ def reading_notes(
 
 
 def rows_of_labels(labels: Indices, nodes: Sequence[Sequence[int]]) -> Indices:
-    """Return the rows of nodes (k, m) in a table of labels (n,) that holds them all."""
+    """Return the rows of nodes (k, m) in a table of labels (n,), -1 of unknown ones."""
+    given = np.array(nodes, np.int64)
+    largest = labels.max(initial=0)
+    if labels.min(initial=0) >= 0 and largest < _DENSE * (len(labels) + 100):
+        rows = np.full(largest + 2, -1)
+        rows[labels] = np.arange(len(labels))
+        return np.asarray(rows[given.clip(-1, largest + 1)])
     order = labels.argsort()
-    found = np.searchsorted(labels, np.array(nodes, np.int64), sorter=order)
-    return np.asarray(order[found])
+    places = np.searchsorted(labels, given, sorter=order)
+    rows = order[np.minimum(places, len(labels) - 1)]
+    return np.where(labels[rows] == given, rows, -1)
+
+
+def _rows_of_nodes(
+    group: Sequence[RawElement], labels: Indices, nodes: Container[int]
+) -> Indices:
+    """Return the rows of the nodes of elements of one kind.
+
+    Raises
+    ------
+    InputError : an element has too few nodes, or an unknown one.
+    """
+    listed = [element.nodes for element in group]
+    if set(map(len, listed)) == {len(reference_element(group[0].kind).nodes)}:
+        rows = rows_of_labels(labels, listed)
+        if rows.min() >= 0:
+            return rows
+    for element in group:
+        _check_nodes(element, nodes)
+    raise AssertionError("one of the elements is wrong")
 
 
 def _check_nodes(element: RawElement, nodes: Container[int]) -> None:

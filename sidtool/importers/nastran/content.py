@@ -489,9 +489,8 @@ def reorder_left_handed(content: BulkData) -> None:
     its quadrature points. Elements of mixed sign are refused elsewhere.
     """
     by_kind: dict[str, list[int]] = {}
-    for row, (_, _, kind, nodes, _) in enumerate(content.elements):
-        is_known = all(map(content.nodes.__contains__, nodes))
-        if is_known and shape_of(kind) in _MIRRORED:
+    for row, (_, _, kind, *_) in enumerate(content.elements):
+        if shape_of(kind) in _MIRRORED:
             by_kind.setdefault(kind, []).append(row)
     for kind, rows in by_kind.items():
         listed = [content.elements[row][3] for row in rows]
@@ -505,8 +504,9 @@ def _is_left_handed(
     kind: str, elements: list[list[int]], positions: Mapping[int, Position]
 ) -> NDArray[np.int64]:
     labels = np.fromiter(positions, np.int64, len(positions))
-    corners = np.array([*positions.values()])[rows_of_labels(labels, elements)]
-    negative = np.arange(len(corners))
+    rows = rows_of_labels(labels, elements)
+    corners = np.array([*positions.values()])[rows]
+    negative = np.flatnonzero((rows >= 0).all(axis=1))
     for slopes in reference_element(kind).gradients:
         jacobians = np.swapaxes(corners[negative], 1, 2) @ slopes
         negative = negative[np.linalg.det(jacobians) < 0]
