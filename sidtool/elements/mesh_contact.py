@@ -7,7 +7,7 @@ share from both sides, the number of elements that cover a point does not change
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import cache, partial
-from itertools import combinations
+from itertools import chain, combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,9 +79,9 @@ class ElementFinder:
         tree = cKDTree(points)
         reach = self.radii[block][rows] * (1 + 1e-6)
         near = tree.query_ball_point(self.centres[block][rows], reach)
-        counts = np.fromiter((len(x) for x in near), np.int64, len(near))
+        counts = np.fromiter(map(len, near), np.int64, len(near))
         element = np.repeat(rows, counts)
-        point = np.fromiter((i for x in near for i in x), np.int64, counts.sum())
+        point = np.fromiter(chain.from_iterable(near), np.int64, counts.sum())
         for start in range(0, len(point), _PAIRS_PER_BATCH):
             i, row = (
                 point[start : start + _PAIRS_PER_BATCH],

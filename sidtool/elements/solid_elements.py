@@ -239,7 +239,8 @@ class ElementBatch:
     ----------
     nodes : (ne, m) numbers of the nodes of every element
     values : (ne or 1, ng, m) shape functions
-    gradients : (ne, ng, m, d) of the shape functions in space [1/m]
+    gradients : (ne, ng, m, d) of the shape functions in space [1/m], (ne, 0, m, d) of a
+        batch for the mass
     measures : (ne, ng) quadrature weight times Jacobian determinant [m^d]
     internal : (ne, ng, k, d) gradients of the internal modes
     directions : (ne, d k, r) their admissible amplitudes
@@ -264,6 +265,8 @@ def mapped_batch(
     values: Array,
     gradients: Array,
     weights: Array,
+    *,
+    with_gradients: bool = True,
 ) -> ElementBatch:
     """An isoparametric batch: x = sum_i N_i X_i.
 
@@ -274,6 +277,7 @@ def mapped_batch(
     values : (ne or 1, ng, m)
     gradients : (ne or 1, ng, m, d) by the reference coordinates
     weights : (ne or 1, ng) of the quadrature
+    with_gradients : whether the batch gets gradients, which the mass does not need
 
     Raises
     ------
@@ -283,10 +287,13 @@ def mapped_batch(
     jacobians = product_with_step(np.swapaxes(corners, 1, 2)[:, None], gradients)
     determinants = _determinants(jacobians)
     check_orientation(determinants, corners)
+    slopes = np.zeros((len(nodes), 0, *gradients.shape[2:]))
+    if with_gradients:
+        slopes = product_with_step(gradients, _inverses(jacobians, determinants))
     return ElementBatch(
         nodes=nodes,
         values=values,
-        gradients=product_with_step(gradients, _inverses(jacobians, determinants)),
+        gradients=slopes,
         measures=determinants * weights,
     )
 

@@ -189,6 +189,7 @@ def element_batches(
             element.values[None],
             element.gradients[None],
             element.weights,
+            with_gradients=integral != "mass",
         )
         if relieved:
             batch = with_modes(batch, mesh.positions, element)
