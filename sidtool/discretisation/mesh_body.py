@@ -100,7 +100,10 @@ def imported_mesh_model(model: ModelFile) -> FiniteElementModel:
         )
 
     def read(file: str) -> ImportedMesh:
-        return read_mesh(file, geometry.ignore, geometry.part, density, bending=bending)
+        found = read_mesh(
+            file, geometry.ignore, geometry.part, density, bending=bending
+        )
+        return replace(found, mesh=counter_clockwise(found.mesh))
 
     imported = read(geometry.file)
     found = (*imported.diagnostics, *engine_notes)
@@ -126,8 +129,7 @@ def imported_mesh_model(model: ModelFile) -> FiniteElementModel:
             found = (*body.diagnostics, *_density_notes(geometry, known))
             return replace(body, diagnostics=found)
         _check_element_choices(geometry, settings, imported)
-        upright = counter_clockwise(imported.mesh)
-        whole = _scale_mesh(upright, geometry, settings, units)
+        whole = _scale_mesh(imported.mesh, geometry, settings, units)
         mesh = without_free_nodes(whole)
         plain = replace(mesh, positions=mesh.positions.real)
         moved = any(morph.amount != 0.0 for morph in geometry.morphs.values())

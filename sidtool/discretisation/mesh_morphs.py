@@ -123,7 +123,9 @@ def _moves_between_sets(imported: ImportedMesh, morph: Morph) -> Array:
     for coupling in imported.couplings:
         centre = row.get(coupling.reference or 0)
         if centre is not None and not used[centre] and not given[centre]:
-            moves[centre] = moves[[row[n] for n in coupling.nodes if n in row]].mean(0)
+            joined = [row[n] for n in coupling.nodes if n in row and used[row[n]]]
+            if joined:
+                moves[centre] = moves[joined].mean(axis=0)
     return moves
 
 

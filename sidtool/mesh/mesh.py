@@ -110,7 +110,7 @@ def counter_clockwise(mesh: Mesh) -> Mesh:
     for block in mesh.blocks:
         element = reference_element(block.kind)
         jacobians = np.einsum(
-            "emd,gmk->egdk", mesh.positions.real[block.nodes], element.gradients
+            "emd,gmk->egdk", mesh.positions[block.nodes], element.gradients
         )
         clockwise = (np.linalg.det(jacobians) < 0).all(axis=1)
         corners = np.arange(element.corners)

@@ -161,6 +161,32 @@ def test_sets_that_part_stretch_the_mesh_evenly(tmp_path: Path) -> None:
     assert slope == pytest.approx(1 / LENGTH, rel=1e-12)
 
 
+def strip_deck(path: Path, place: Place) -> None:
+    """Write a plane strip of CPS4 that are numbered clockwise."""
+    lines = ["*NODE"]
+    for n, corner in enumerate(np.ndindex(3, 2), start=1):
+        x, y = place(np.array(corner) * [0.2, 0.03])
+        lines.append(f"{n}, {float(x)!r}, {float(y)!r}")
+    lines += ["*ELEMENT, TYPE=CPS4, ELSET=ALL", "1, 1, 2, 4, 3", "2, 3, 4, 6, 5"]
+    lines += ["*NSET, NSET=ROOT", "1, 2", "*NSET, NSET=TIP", "5, 6", *MATERIAL]
+    lines += ["*SOLID SECTION, ELSET=ALL, MATERIAL=STEEL", "0.01"]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+@pytest.mark.parametrize("by", ["file", "moves"])
+def test_clockwise_elements(by: str, tmp_path: Path) -> None:
+    strip_deck(tmp_path / "strip.inp", lambda x: x)
+    strip_deck(tmp_path / "long.inp", lambda x: x * [1.5, 1])
+    moves = {"ROOT": [0.0, 0.0], "TIP": [0.2, 0.0]}
+    morph = {"file": str(tmp_path / "long.inp")} if by == "file" else {"moves": moves}
+    content = model(tmp_path / "strip.inp", morph, tie("ROOT"), tie("TIP"))
+    plain = finite_element_model(content).positions
+    moved = finite_element_model(content.with_({KEY: 1.0})).positions
+    np.testing.assert_allclose(moved, plain * [1.5, 1], atol=1e-15)
+    with pytest.raises(InputError):  # mirrored
+        finite_element_model(content.with_({KEY: -3.0}))
+
+
 def _bend(x: Array) -> Any:
     return x * [1.3, 0.8, 1.5] + [0, 0.1 * x[0], 0.2 * x[0] ** 2]
 
