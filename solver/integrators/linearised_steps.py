@@ -18,34 +18,94 @@ mu          eigenvalues of A^-1 over h, of each pair one
 ==========  ==================================================================
 """
 
-from ..compiler.inner_kernels import quotient
+from typing import Any
+
+from llvmlite import ir
+
+from ..compiler.inner_kernels import Intrinsic, quotient
 from ..compiler.kernels import entry, inner
 from ..compiler.types import boolean, complex128, float64, int64, void
 from ..spatial.system_arrays import C1, F1, F2, F3, I1
 from .loop_state import copy
 
+#: Entries of rows that are added at once.
+WIDTHS = (4, 2, 1)
 #: Error of the stages, relative to their norm: the largest of their weighted entries.
 TOLERANCE = 1e-13
 #: Changes that are rounding if they do not fall any more, and iterations at most.
 ROUNDING, MAX_ITERATIONS = 1e-10, 50
 
 
+def _row_adder(n_rows: int) -> Intrinsic:
+    """Function that adds sums of consecutive rows of a matrix to a vector."""
+
+    def add(
+        out: Any, to: Any, f: Any, c: Any, stride: Any, x: Any, k: Any, n: Any
+    ) -> Any:
+        """out[to:] += sum of x[k + i] f[i stride + c:] for all rows, n entries.
+
+        Vectors of the processor hold the entries: `out` and the rows share none.
+        """
+        real, whole = ir.DoubleType(), ir.IntType(64)
+
+        def generate(builder: Any, values: Any) -> Any:
+            from numba.core import cgutils
+
+            out, to, f, c, stride, x, k, n = values
+
+            def address(view: Any, index: Any, kind: Any) -> Any:
+                place = builder.gep(builder.extract_value(view, 0), [index])
+                return builder.bitcast(place, kind.as_pointer())
+
+            rows = [
+                builder.add(c, builder.mul(whole(i), stride)) for i in range(n_rows)
+            ]
+            factors = [
+                builder.load(address(x, builder.add(k, whole(i)), real))
+                for i in range(n_rows)
+            ]
+            begin = whole(0)
+            for width in WIDTHS:
+                kind = ir.VectorType(real, width)
+                none, mask = kind(ir.Undefined), ir.VectorType(ir.IntType(32), width)
+                vectors = []
+                for factor in factors:
+                    one = builder.insert_element(none, factor, ir.IntType(32)(0))
+                    vectors.append(builder.shuffle_vector(one, none, mask([0] * width)))
+                count = builder.sdiv(builder.sub(n, begin), whole(width))
+                with cgutils.for_range(builder, count) as loop:
+                    at = builder.add(begin, builder.mul(loop.index, whole(width)))
+                    terms = []
+                    for row, vector in zip(rows, vectors, strict=True):
+                        entries = address(f, builder.add(row, at), kind)
+                        entries = builder.load(entries, align=8)
+                        terms.append(builder.fmul(entries, vector))
+                    while len(terms) > 1:
+                        pairs = zip(terms[::2], terms[1::2], strict=True)
+                        terms = [builder.fadd(*pair) for pair in pairs]
+                    place = address(out, builder.add(to, at), kind)
+                    total = builder.fadd(builder.load(place, align=8), terms[0])
+                    builder.store(total, place, align=8)
+                begin = builder.add(begin, builder.mul(count, whole(width)))
+            return factors[0]
+
+        return float64(F1, int64, F1, int64, int64, F1, int64, int64), generate
+
+    return Intrinsic(add)
+
+
+_add_four_rows, _add_row = _row_adder(4), _row_adder(1)
+
+
 @inner(void(F2, int64, int64, int64, int64, F1, int64, F1, int64))
 def _add_product(F, row, column, m, n, x, first, out, to):
     """out[to:] += F^T x[first:] with the m x n block of F at a row and a column."""
-    k = 0
+    k, stride = 0, F.shape[1]
     while k + 4 <= m:
-        i, at = row + k, first + k
-        f0, f1, f2, f3 = F[i], F[i + 1], F[i + 2], F[i + 3]
-        x0, x1, x2, x3 = x[at], x[at + 1], x[at + 2], x[at + 3]
-        for j in range(n):
-            c = column + j
-            out[to + j] += (x0 * f0[c] + x1 * f1[c]) + (x2 * f2[c] + x3 * f3[c])
+        _add_four_rows(out, to, F[row + k], column, stride, x, first + k, n)
         k += 4
     while k < m:
-        f0, x0 = F[row + k], x[first + k]
-        for j in range(n):
-            out[to + j] += x0 * f0[column + j]
+        _add_row(out, to, F[row + k], column, stride, x, first + k, n)
         k += 1
 
 
