@@ -300,7 +300,7 @@ def _check_equations(
         j += [dof, *row]
         v += [1.0, *(-share for share in row.values())]
     matrix = sp.csr_matrix((v, (i, number[j])), shape=(len(given), body.ndof))
-    size = float(np.ptp(body.positions, axis=0).max())
+    size = float(np.ptp(body.positions.real, axis=0).max())
     rigid = body.rigid_body_modes(np.pad(body.positions.mean(axis=0), (0, 1))[:3])
     rigid[:, body.dimension :] /= size
     left = np.abs(matrix @ rigid).max(axis=1)

@@ -19,12 +19,15 @@ solid mechanics", Int. J. Numer. Methods Eng. 59, 2004 (integrals over common pa
 """
 
 from collections.abc import Collection, Iterable, Sequence
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.sparse.linalg import splu
 
+from sidtool.formats.base.complex_step import number_type
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import Array
 from sidtool.formats.diagnostics import Diagnostic, diagnose
@@ -50,8 +53,13 @@ _MIN_COVERED_SHARE = 0.02
 _DEFAULT_TIE_DISTANCE = 0.05
 #: Shares of nodes below this are rounding.
 _SHARE_ROUNDING = 1e-11
+#: Movement of the nodes for differences of ties, relative to the size of the mesh, and
+#: weights of the central difference of fourth order by multiples of it.
+_DIFFERENCE_STEP = 1e-5
+_DIFFERENCE = {1: 2 / 3, -1: -2 / 3, 2: -1 / 12, -2: 1 / 12}
 
-Row = dict[int, float]
+#: Coefficients by unknown; complex if they carry a step.
+Row = dict[int, Any]
 #: Coefficients below this fraction of the largest are rounding.
 _ROUNDING_OF_ELIMINATION = 1e-11
 #: The preferred unknown is used if its coefficient has this fraction of the largest.
@@ -91,7 +99,9 @@ def tie_equations(
 ) -> tuple[Equations | None, list[Diagnostic]]:
     """Return the equations of all ties, and their diagnostics.
 
-    A node is the slave of the first tie that contains it.
+    A node is the slave of the first tie that contains it. If positions carry an
+    imaginary step, that of the equations is a difference: common parts of faces are
+    found by comparisons.
 
     Parameters
     ----------
@@ -100,7 +110,33 @@ def tie_equations(
 
     Raises
     ------
-    InputError : a tie has no nodes.
+    InputError : a tie has no nodes, or other ones as soon as the mesh moves.
+    """
+    places, step = mesh.positions.real, mesh.positions.imag
+    equations, found = _equations_of(replace(mesh, positions=places), ties, length)
+    if equations is None or not step.any():
+        return equations, found
+    largest = np.abs(step).max()
+    way = _DIFFERENCE_STEP * np.ptp(places, axis=0).max() / largest
+    matrix = equations.matrix.astype(complex)
+    for multiple, weight in _DIFFERENCE.items():
+        moved = replace(mesh, positions=places + multiple * way * step)
+        near, _ = _equations_of(moved, ties, length)
+        if near is None or not np.array_equal(near.dependent, equations.dependent):
+            raise InputError(
+                f"the ties {', '.join(tie.name for tie in ties)} hold other nodes as "
+                "soon as the mesh moves",
+                expected="surfaces whose ends do not cross, for derivatives",
+            )
+        matrix = matrix + (1j * weight / way) * near.matrix
+    return replace(equations, matrix=sp.csr_matrix(matrix)), found
+
+
+def _equations_of(
+    mesh: Mesh, ties: Sequence[RawTie], length: float
+) -> tuple[Equations | None, list[Diagnostic]]:
+    """Return the equations of all ties of a mesh without a step, see
+    `tie_equations`.
     """
     found: list[Diagnostic] = []
     matrices, dependent = [], []
@@ -335,8 +371,9 @@ def dependent_unknowns(
         columns, values = matrix.indices[part].tolist(), matrix.data[part].tolist()
         row = dict(zip(columns, values, strict=True))
         size = max(map(abs, row.values()), default=0.0)
-        row = _substitute_known(row, dependent, _ROUNDING_OF_ELIMINATION * size)
-        if not row:
+        small = _ROUNDING_OF_ELIMINATION * size
+        row = _substitute_known(row, dependent, small)
+        if not any(abs(share) > small for share in row.values()):
             continue
         pivot = _choose_pivot(row, int(preferred[i]), first)
         scale = -row.pop(pivot)
@@ -368,7 +405,7 @@ def _substitute_known(
             for c, v in dependent[column][1].items():
                 row[c] = row.get(c, 0.0) + share * v
         known = [c for c in row if c in dependent]
-    return {c: v for c, v in row.items() if abs(v) > small}
+    return {c: v for c, v in row.items() if abs(v) > small or v.imag != 0.0}
 
 
 def elimination_matrix(matrix: sp.csr_matrix, preferred: Indices) -> sp.csr_matrix:
@@ -378,13 +415,13 @@ def elimination_matrix(matrix: sp.csr_matrix, preferred: Indices) -> sp.csr_matr
     independent = np.setdiff1d(
         np.arange(n), np.fromiter(dependent, np.int64, len(dependent))
     )
-    number = np.full(n, -1)
+    number, kind = np.full(n, -1), number_type(matrix)
     number[independent] = np.arange(independent.size)
     rows, columns = [independent], [np.arange(independent.size)]
     values = [np.ones(independent.size)]
     for pivot, (_, row) in dependent.items():
         rows.append(np.full(len(row), pivot))
         columns.append(number[np.fromiter(row, np.int64, len(row))])
-        values.append(np.fromiter(row.values(), float, len(row)))
+        values.append(np.fromiter(row.values(), kind, len(row)))
     index = np.concatenate(rows), np.concatenate(columns)
     return sp.csr_matrix((np.concatenate(values), index), shape=(n, independent.size))

@@ -17,6 +17,7 @@ from sidtool.formats.model import ModelFile
 from sidtool.formats.toml.reading import validate_data
 from sidtool.model_derivatives.sid_derivatives import parse_quantities
 from sidtool.pipeline.model_to_sid import sid_from_model
+from tests.sidtool.importers.test_import_ties import AWAY, SIZE, Part, surface_tie
 from tests.sidtool.model_derivatives.references import central_difference
 
 LENGTH, WIDTH, HEIGHT = 0.4, 0.02, 0.03
@@ -211,7 +212,22 @@ def _sets(folder: Path) -> ModelFile:
     return bar(folder, {"moves": moves}, skewed)
 
 
-@pytest.mark.parametrize("make", [_plate, _bars, _sets])
+def _tied(folder: Path) -> ModelFile:
+    """Two bars that a tie joins, one of which slides on the other and grows."""
+    for name, slide in (("one", 0.0), ("other", 0.02)):
+        first, last = Part((2, 1, 1), 0, 0), Part((1, 2, 2), SIZE[0], AWAY, (0.3,) * 3)
+        places = np.array(last.points) * [1, 0.4 + 2 * slide, 0.3]
+        last.points = [tuple(p) for p in (places + [0, slide - 0.035, -0.03]).tolist()]
+        lines = ["*NSET, NSET=ROOT", *(f"{n}," for n in first.left), "*NSET, NSET=TIP"]
+        lines += [*(f"{n}," for n in last.right), *MATERIAL]
+        lines += ["*SOLID SECTION, ELSET=E, MATERIAL=STEEL", ""]
+        text = first.text() + last.text() + surface_tie((first, last))
+        (folder / f"{name}.inp").write_text(text + "\n".join(lines), encoding="utf-8")
+    morph = {"file": str(folder / "other.inp")}
+    return model(folder / "one.inp", morph, tie("ROOT"), tie("TIP"))
+
+
+@pytest.mark.parametrize("make", [_plate, _bars, _sets, _tied])
 def test_derivatives_are_those_of_neighbours(
     make: Callable[[Path], ModelFile], tmp_path: Path
 ) -> None:
