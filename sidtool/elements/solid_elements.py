@@ -65,6 +65,7 @@ KINDS_WITH_INCOMPATIBLE_MODES = ("quad4", "hex8")
 #: Elements that always have incompatible modes.
 KINDS_ALWAYS_INCOMPATIBLE = ("wedge6",)
 Indices = NDArray[np.int64]
+NodeNumbers = NDArray[np.int32]
 #: Entries of element matrices that are scattered into a sparse matrix at a time.
 _ENTRIES_PER_BATCH = 2_000_000
 
@@ -537,7 +538,7 @@ class MatrixSum:
 
     def __init__(self, count: int, d: int) -> None:
         self._count, self._d = count, d
-        self._waiting: list[tuple[Array, Indices]] = []
+        self._waiting: list[tuple[Array, NodeNumbers, NodeNumbers]] = []
         self._entries = 0
         self._parts: list[tuple[int, sp.bsr_matrix]] = []
 
@@ -545,16 +546,21 @@ class MatrixSum:
         """Element matrices (ne, d m, d m) at their nodes (ne, m)."""
         (ne, m), d = nodes.shape, self._d
         blocks = matrices.reshape(ne, m, d, m, d).swapaxes(2, 3).reshape(-1, d * d)
-        pairs = nodes[:, :, None] * self._count + nodes[:, None, :]
-        self._waiting.append((blocks, pairs.ravel()))
+        numbers = nodes.astype(np.int32)
+        rows, columns = (
+            np.broadcast_to(x, (ne, m, m)).ravel()
+            for x in (numbers[:, :, None], numbers[:, None, :])
+        )
+        self._waiting.append((blocks, rows, columns))
         self._entries += matrices.size
         if self._entries > _ENTRIES_PER_BATCH:
             self._scatter()
 
     def total(self) -> sp.csr_matrix:
         self._scatter()
-        size = self._d * self._count
-        result = sp.bsr_matrix((size, size), blocksize=(self._d, self._d))
+        if not self._parts:
+            return sp.csr_matrix((self._d * self._count,) * 2)
+        _, result = self._parts.pop()
         while self._parts:
             result = result + self._parts.pop()[1]
         return sp.csr_matrix(result)
@@ -562,23 +568,34 @@ class MatrixSum:
     def _scatter(self) -> None:
         if not self._waiting:
             return
-        blocks, pairs = (np.concatenate(x) for x in zip(*self._waiting, strict=True))
+        blocks, rows, columns = map(np.concatenate, zip(*self._waiting, strict=True))
         self._waiting, self._entries = [], 0
-        part, rank = _sum_blocks(blocks, pairs, self._count, self._d), 0
+        part, rank = _sum_blocks(blocks, rows, columns, self._count, self._d), 0
         while self._parts and self._parts[-1][0] == rank:
             part = self._parts.pop()[1] + part
             rank += 1
         self._parts.append((rank, part))
 
 
-def _sum_blocks(blocks: Array, pairs: Indices, count: int, d: int) -> sp.bsr_matrix:
-    """Blocks (p, d d) added up by pairs (p,) of nodes: count times row + column."""
-    order = np.argsort(pairs)
-    inside = pairs[order]
-    firsts = np.flatnonzero(np.diff(inside, prepend=-1))
-    entries = (np.ones(len(order)), order, np.append(firsts, len(order)))
-    sums = sp.csr_matrix(entries, shape=(len(firsts), len(order))) @ blocks
-    rows, columns = np.divmod(inside[firsts], count)
-    starts = np.searchsorted(rows, np.arange(count + 1))
-    parts = (sums.reshape(-1, d, d), columns, starts)
-    return sp.bsr_matrix(parts, shape=(d * count, d * count))
+def _sum_blocks(
+    blocks: Array, rows: NodeNumbers, columns: NodeNumbers, count: int, d: int
+) -> sp.bsr_matrix:
+    """Blocks (p, d d) added up by the rows and columns (p,) of their pairs of nodes.
+
+    They are sorted by counting, by columns first and then by rows.
+    """
+    every = np.arange(len(rows) + 1, dtype=np.int32)
+    shape = (len(rows), count)
+    by_column = sp.csr_matrix((every[:-1], columns, every), shape=shape).tocsc()
+    order = by_column.data
+    entries = (order, rows[order], by_column.indptr)
+    by_row = sp.csr_matrix(entries, shape=(count, count)).tocsc()
+    is_first = np.diff(by_row.indices, prepend=-1) != 0
+    starts = by_row.indptr
+    is_first[starts[:-1][np.diff(starts) > 0]] = True
+    firsts = np.flatnonzero(is_first)
+    entries = (np.ones(len(rows)), by_row.data, np.append(firsts, len(rows)))
+    sums = sp.csr_matrix(entries, shape=(len(firsts), len(rows))) @ blocks
+    parts = sums.reshape(-1, d, d), by_row.indices[firsts]
+    size = (d * count,) * 2
+    return sp.bsr_matrix((*parts, np.searchsorted(firsts, starts)), shape=size)
