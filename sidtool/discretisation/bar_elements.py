@@ -71,15 +71,16 @@ class RodElement(BarElement):
         section = self.section(place)
         assert isinstance(section, Section)
         share, slope = np.array([1 - place, place]), np.array([-1.0, 1.0]) / self.length
-        move, turn = np.zeros((2, 3, 12))
-        change, twist = np.zeros((3, 12)), np.zeros(12)
+        kind = number_type(x, self.length)
+        move, turn, change = np.zeros((3, 3, 12), kind)
+        twist = np.zeros(12, kind)
         for k, at in enumerate((0, 6)):
             move[:, at : at + 3] = share[k] * np.eye(3)
             change[:, at : at + 3] = slope[k] * np.eye(3)
             turn[:, at + 3 : at + 6] = share[k] * np.outer(x, x)
             twist[at + 3 : at + 6] = slope[k] * x
         turn += skew(x) @ change
-        strains = np.zeros((6, 12))
+        strains = np.zeros((6, 12), kind)
         strains[0], strains[3] = x @ change, twist
         law = np.zeros(6)
         law[0] = self.beam.e * section.area

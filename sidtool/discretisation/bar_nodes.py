@@ -8,6 +8,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
+from sidtool.formats.base.complex_step import analytic_norm, number_type
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import Array
 from sidtool.formats.sid_mass import skew
@@ -223,15 +224,15 @@ def _mean_motion(
     turns : (k,) nodes whose rotations take part
     """
     if not turns.any():
-        arms = skew(places - weights @ places)
+        arms = skew((places - weights @ places).real)
         values = np.linalg.eigvalsh(-np.einsum("k,kab,kbc->ac", weights, arms, arms))
         if not values[0] > _ON_LINE * values[2]:
             return None
     arms = places - where
-    length = float(np.linalg.norm(arms, axis=1).mean()) or 1.0
-    rigid = np.tile(np.eye(6), (len(places), 1, 1))
+    length = analytic_norm(arms, axis=1).mean() or 1.0
+    rigid = np.tile(np.eye(6, dtype=number_type(arms)), (len(places), 1, 1))
     rigid[:, :3, 3:] = -skew(arms)
-    heavy = np.ones((len(places), 6))
+    heavy = np.ones((len(places), 6), number_type(arms))
     heavy[:, 3:] = length**2 * turns[:, None]
     weighted = np.swapaxes(rigid, 1, 2) * (weights[:, None] * heavy)[:, None, :]
     return np.asarray(np.linalg.solve((weighted @ rigid).sum(axis=0), weighted))
@@ -351,7 +352,7 @@ def nearest_node(nodes: BarNodes, where: Array) -> int:
     ------
     InputError : there is none.
     """
-    positions = nodes.mesh.positions
+    positions = nodes.mesh.positions.real
     distances = np.linalg.norm(positions - where, axis=1)
     moved = np.array(
         [

@@ -79,14 +79,16 @@ def plate_deck(path: Path, place: Place) -> None:
 
 
 def bars_deck(path: Path, place: Place) -> None:
-    """Write an angle of CBAR with offsets and a lumped mass."""
+    """Write an angle of CBAR and CROD with a mass that an RBE3 holds."""
     lines = ["BEGIN BULK", "MAT1,1,2.1+11,,0.3,7850."]
-    for n, at in enumerate(([0, 0, 0], [0.2, 0, 0], [0.4, 0.1, 0], [0.5, 0.3, 0.1]), 1):
+    places = [0, 0, 0], [0.2, 0, 0], [0.4, 0.1, 0], [0.5, 0.3, 0.1], [0.6, 0.3, 0]
+    for n, at in enumerate(places, 1):
         x, y, z = place(np.array(at, float))
         lines.append(f"GRID,{n},,{x:.12g},{y:.12g},{z:.12g}")
     lines.append("PBAR,1,1,4.-4,1.-8,2.-8,3.-8")
     lines += [f"CBAR,{n},1,{n},{n + 1},0.,0.,1." for n in (1, 2, 3)]
-    lines += ["CONM2,9,4,,0.5", "ENDDATA"]
+    lines += ["PROD,2,1,3.-4,1.-8", "CROD,4,2,1,4", "CONM2,9,5,,0.5"]
+    lines += ["RBE3,8,,5,123456,1.,123,2,3,", ",4", "ENDDATA"]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
