@@ -215,7 +215,7 @@ def hide_included_text(path: Path) -> Iterator[None]:
     try:
         yield
     except InputError as error:
-        files = _deck_files(path)
+        files = deck_files(path)
         if not files[1:]:
             raise
         hidden = _IncludedWords(files)
@@ -228,8 +228,8 @@ def hide_included_text(path: Path) -> Iterator[None]:
         ) from None
 
 
-def _deck_files(path: Path) -> list[Path]:
-    """Return a deck and all readable files that it includes."""
+def deck_files(path: Path) -> list[Path]:
+    """Return a deck and all files that it includes, readable or not."""
     files, waiting = [path], [path]
     while waiting and len(files) < MAX_INCLUDES:
         file = waiting.pop()

@@ -2,7 +2,8 @@
 
 import hashlib
 import os
-from collections.abc import Collection, Iterator
+import re
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,10 +23,15 @@ from sidtool.formats.model.refine import (
 )
 from sidtool.formats.sid_files import read_sid, write_sid
 
+from ..mesh.deck_text import deck_files
+
 #: Cache folder, next to the scene.
 CACHE_FOLDER = ".sidtool"
 #: Ending of full fields, which are stored next to their SIDs.
 FIELD_ENDING = ".field.h5"
+#: Endings of meshes that may include other files, and the words by which they do.
+_DECKS = (".inp", ".bdf", ".nas", ".dat")
+_INCLUDES = re.compile(rb"\binclude\b|\binput\s*=", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
@@ -171,15 +177,21 @@ def model_digest(model: ModelFile) -> str:
     from .. import __version__
 
     digest = hashlib.sha256(f"{__version__} {model.model_dump_json()}".encode())
-    for path in sorted(set(_named_files(model))):
+    for path in sorted(set(_files_read(model))):
         digest.update(path.read_bytes())
     return digest.hexdigest()[:16]
 
 
-def _named_files(value: Any) -> Iterator[Path]:
-    """Yield the texts of a model that are names of files."""
+def _files_read(value: Any) -> Iterator[Path]:
+    """Yield the files that a model names, and those that its decks include."""
     if isinstance(value, BaseModel):
         for name in type(value).model_fields:
-            yield from _named_files(getattr(value, name))
+            yield from _files_read(getattr(value, name))
+    elif isinstance(value, Mapping):
+        for part in value.values():
+            yield from _files_read(part)
     elif isinstance(value, str) and os.path.isfile(value):
-        yield Path(value)
+        path = Path(value)
+        yield path
+        if path.suffix.lower() in _DECKS and _INCLUDES.search(path.read_bytes()):
+            yield from filter(Path.is_file, deck_files(path))
