@@ -116,11 +116,10 @@ def tie_equations(
     equations, found = _equations_of(replace(mesh, positions=places), ties, length)
     if equations is None or not step.any():
         return equations, found
-    largest = np.abs(step).max()
-    way = _DIFFERENCE_STEP * np.ptp(places, axis=0).max() / largest
+    factor = _DIFFERENCE_STEP * np.ptp(places, axis=0).max() / np.abs(step).max()
     matrix = equations.matrix.astype(complex)
     for multiple, weight in _DIFFERENCE.items():
-        moved = replace(mesh, positions=places + multiple * way * step)
+        moved = replace(mesh, positions=places + multiple * factor * step)
         near, _ = _equations_of(moved, ties, length)
         if near is None or not np.array_equal(near.dependent, equations.dependent):
             raise InputError(
@@ -128,7 +127,7 @@ def tie_equations(
                 "soon as the mesh moves",
                 expected="surfaces whose ends do not cross, for derivatives",
             )
-        matrix = matrix + (1j * weight / way) * near.matrix
+        matrix = matrix + (1j * weight / factor) * near.matrix
     return replace(equations, matrix=sp.csr_matrix(matrix)), found
 
 

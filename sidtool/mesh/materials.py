@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
+from sidtool.formats.base.complex_step import analytic_norm, number_type
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import Array
 from sidtool.formats.model import Material
@@ -85,8 +86,8 @@ class CylindricalMaterial(AnisotropicMaterial):
         """
         arms = places - self.start
         radial = arms - (arms @ self.axis)[..., None] * self.axis
-        radii = np.linalg.norm(radial, axis=-1, keepdims=True)
-        if (radii <= 1e-9 * np.abs(arms).max()).any():
+        radii = analytic_norm(radial, axis=-1, keepdims=True)
+        if (radii.real <= 1e-9 * np.abs(arms).max()).any():
             raise InputError(
                 "cylindrical material axes are not defined on their axis",
                 expected="material beside it",
@@ -110,13 +111,13 @@ def laws_of_material(material: ElasticMaterial) -> Callable[[Array], Array] | No
 
 def _rotate_law(law: Array, axes: Array) -> Array:
     """(..., 6, 6) a law (6, 6) whose own axes are the rows of axes (..., 3, 3)."""
-    turn = np.zeros((*axes.shape[:-2], 6, 6))
+    turn = np.zeros((*axes.shape[:-2], 6, 6), number_type(axes))
     for row, (a, b) in enumerate(_PAIRS):
         for column, (i, j) in enumerate(_PAIRS):
             pair = axes[..., i, a] * axes[..., j, b]
             other = axes[..., j, a] * axes[..., i, b]
             turn[..., row, column] = pair if i == j else pair + other
-    return np.asarray(turn @ law @ np.swapaxes(turn, -1, -2), float)
+    return np.asarray(turn @ law @ np.swapaxes(turn, -1, -2))
 
 
 #: What elements are made of.
