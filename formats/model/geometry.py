@@ -243,8 +243,8 @@ class Morph(Table):
     Attributes
     ----------
     file : the same elements with their nodes at other places, relative to the model
-        file; the direction of a node is the way to its place there
-    moves : node set -> its direction, a vector; those of all other nodes satisfy
+        file; the direction of a node is the displacement to its place there
+    moves : node set -> its direction, a vector [m]; those of all other nodes satisfy
         Laplace's equation between the sets, with no flux through free surfaces
     amount : 0 is the shape of the mesh file, 1 that of `file`
     """

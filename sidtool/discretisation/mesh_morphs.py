@@ -2,7 +2,7 @@
 
 Each node moves along its direction. Directions come from a second file with the same
 elements, or from vectors of node sets, between which every coordinate satisfies
-Laplace's equation: the mesh between two sets that part is stretched evenly.
+Laplace's equation: the mesh between two sets that move apart is stretched evenly.
 """
 
 from collections.abc import Callable, Iterator
@@ -81,7 +81,7 @@ def _errors_inside(place: str) -> Iterator[None]:
 
 
 def _moves_to(imported: ImportedMesh, other: ImportedMesh, file: str) -> Array:
-    """Return the way (n, d) of each node to its place in another file."""
+    """Return the displacement (n, d) of each node to its place in another file."""
     own = _elements(imported)
     if own != _elements(other):
         raise InputError(
