@@ -21,6 +21,7 @@ from sidtool.formats.result.accuracy_report import (
     worst_first,
 )
 from sidtool.formats.sid_mass import body_size
+from sidtool.formats.storage.cache import cached_by_identity
 
 from ..initial_state.assembly import StateVectors
 from ..output.body_outputs import frame_motion
@@ -291,6 +292,12 @@ def _shapes(sid: SID, part: str) -> Array:
     return np.array(nodes).reshape(-1, 3, sid.nq)
 
 
+@cached_by_identity
+def _shape_lengths(sid: SID, part: str) -> Array:
+    """(n, nq) lengths of `_shapes`."""
+    return np.asarray(np.linalg.norm(_shapes(sid, part), axis=1))
+
+
 def largest_elastic_rotation(sid: SID, q: Array, least: float) -> float:
     """Largest rotation of a node by deformation, q (nt, nq), `least` at least [rad]."""
     if not sid.nodes:
@@ -306,7 +313,7 @@ def deformation_bounds(sid: SID, largest: Array) -> tuple[float, float]:
     """
     size = body_size(sid)
     moved, turned = (
-        float((np.linalg.norm(_shapes(sid, part), axis=1) @ largest).max(initial=0.0))
+        float((_shape_lengths(sid, part) @ largest).max(initial=0.0))
         for part in ("phi", "psi")
     )
     return (moved / size if size else 0.0), turned
@@ -337,9 +344,7 @@ def deformation_limits(system: System) -> list[DeformationLimit]:
     for data in system.flexible:
         most = {"phi": MAX_DEFLECTION * body_size(data.sid), "psi": MAX_ROTATION}
         weights = [
-            np.linalg.norm(_shapes(data.sid, part), axis=1) / size
-            for part, size in most.items()
-            if size
+            _shape_lengths(data.sid, part) / size for part, size in most.items() if size
         ]
         if not any(map(len, weights)):
             continue

@@ -95,7 +95,12 @@ def refuse_light_links(system: System, start: StateVectors) -> None:
         Names the body, and the joint that replaces it.
     """
     attached = _joints_by_body(system)
-    ranges = {data.name: _inertia_range(system, data) for data in system.bodies}
+    ranges = {
+        data.name: _inertia_range(data.sid, system.planar, data.rotates)
+        if data.is_scene_body and data.sid.mass
+        else (0.0, 0.0)
+        for data in system.bodies
+    }
     for b, data in enumerate(system.bodies):
         links = attached.get(data.name, [])
         neighbours = [marker_reference(link.other)[0] for link in links]
@@ -128,26 +133,24 @@ def _joints_by_body(system: System) -> dict[str, list[_AttachedJoint]]:
     return joints
 
 
-def _inertia_range(system: System, data: BodyData) -> tuple[float, float]:
+@cached_by_identity
+def _inertia_range(sid: SID, planar: bool, rotates: bool) -> tuple[float, float]:
     """The smallest and the largest of mass and moments of inertia over the square of
     the size of a body [kg]; of moments the largest, as rods may rotate about
     themselves.
     """
-    mass = data.sid.mass
-    if not data.is_scene_body or not mass:
-        return 0.0, 0.0
-    size = _body_size(data)
-    if not data.rotates or not size:
-        return mass, mass
-    axes = slice(2, 3) if system.planar else slice(0, 3)
-    moments = central_inertia(data.sid)[axes, axes]
+    size = _marker_distance(sid)
+    if not rotates or not size:
+        return sid.mass, sid.mass
+    axes = slice(2, 3) if planar else slice(0, 3)
+    moments = central_inertia(sid)[axes, axes]
     rotational_inertia = float(np.linalg.eigvalsh(moments)[-1]) / size**2
-    return min(mass, rotational_inertia), max(mass, rotational_inertia)
+    return min(sid.mass, rotational_inertia), max(sid.mass, rotational_inertia)
 
 
-def _body_size(data: BodyData) -> float:
+def _marker_distance(sid: SID) -> float:
     """Between the markers of a body [m], zero without any."""
-    places = [node.position for node in data.sid.nodes]
+    places = [node.position for node in sid.nodes]
     return diameter(np.array(places)) if places else 0.0
 
 
@@ -166,7 +169,7 @@ def _transmits_forces(system: System, start: StateVectors, b: int) -> bool:
     C: Array = np.zeros((int(number.max(initial=-1)) + 1, count))
     np.add.at(C, (number, columns[own] - first), values[own])
     axes = 2 if system.planar else 3
-    C[:, axes:] /= _body_size(system.bodies[b]) or 1.0
+    C[:, axes:] /= _marker_distance(system.bodies[b].sid) or 1.0
     sizes = np.linalg.svd(C, compute_uv=False)
     rank = int(np.sum(sizes > _INDEPENDENCE * sizes.max(initial=0.0)))
     return len(C) > rank >= count - (0 if system.planar else 1)
@@ -177,7 +180,7 @@ def _replacement_text(
 ) -> str:
     """The joint that does what a link without inertia does."""
     pins = _PINS["planar" if system.planar else "spatial"]
-    moment = limit * _body_size(data) ** 2
+    moment = limit * _marker_distance(data.sid) ** 2
     suggestion = f"a mass of {_RECOMMENDED_FACTOR * limit:.2g} kg or more"
     if data.rotates:
         suggestion += (
