@@ -82,10 +82,13 @@ def _errors_inside(place: str) -> Iterator[None]:
 
 def _moves_to(imported: ImportedMesh, other: ImportedMesh, file: str) -> Array:
     """Return the displacement (n, d) of each node to its place in another file."""
-    own = _elements(imported)
-    if own != _elements(other):
+    dimensions = imported.mesh.dimension, other.mesh.dimension
+    if dimensions[0] != dimensions[1] or _elements(imported) != _elements(other):
+        problem = "has other elements"
+        if dimensions[0] != dimensions[1]:
+            problem = f"has {dimensions[1]} dimensions, and the mesh {dimensions[0]}"
         raise InputError(
-            f"{file} has other elements",
+            f"{file} {problem}",
             place="file",
             expected="the same elements and node numbers, with nodes at other places",
         )

@@ -5,12 +5,12 @@ from typing import Any, NamedTuple
 
 from llvmlite import binding as llvm
 
-#: What machine code is called by.
+#: Name of the function in machine code.
 ENTRY_SYMBOL = "sidtool_kernel"
 
 
 class Target(NamedTuple):
-    """What machine code is made for.
+    """Processor, and form of the machine code for it.
 
     Attributes
     ----------
@@ -35,7 +35,7 @@ def host_target() -> Target:
 
 
 def new_machine(target: Target) -> Any:
-    """What knows the processor. One that loads code is freed with what it loaded."""
+    """Return the code generator of a target; it is freed with the code it loads."""
     if target.in_process:
         llvm.initialize_native_target()
         llvm.initialize_native_asmprinter()
@@ -49,5 +49,5 @@ def new_machine(target: Target) -> Any:
     )
 
 
-#: One that is kept.
+#: The code generator of a target, made once.
 machine_of = cache(new_machine)

@@ -1,7 +1,7 @@
-"""What numba makes of kernels; imported when one is compiled, in reading order.
+"""Translation of kernels by numba; imported when one is compiled, in reading order.
 
 - `numba_types`: types of kernels as types of numba
-- `memory`, `vectors`: machine code of what kernels see
+- `memory`, `vectors`: machine code of arrays, records, tables and vectors
 - `fast_lowering`: translations of operations that compile faster than those of numba
-- `units`: kernels alone, calls of kernels, and object files
+- `units`: LLVM modules of single kernels, calls between them, and object files
 """

@@ -63,7 +63,7 @@ def is_tested_version() -> bool:
 def lower_function(
     function: FunctionType, signature: Any, **options: Any
 ) -> LoweredFunction:
-    """What numba makes of a function for these arguments."""
+    """Return the machine code of a function for these types of arguments, in LLVM."""
     from numba.core.compiler import Flags, compile_extra
     from numba.core.compiler_lock import global_compiler_lock
     from numba.core.sigutils import normalize_signature
@@ -170,7 +170,7 @@ def _pipeline() -> Any:
 
 @cache
 def _contexts() -> tuple[Any, Any]:
-    """What numba knows about types, and about machine code, without arrays."""
+    """Return numba's contexts of types and of machine code, without arrays."""
     from numba.core.cpu import CPUContext
     from numba.core.typing import BaseContext, cmathdecl, mathdecl
     from numba.cpython import (  # noqa: F401

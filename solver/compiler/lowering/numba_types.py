@@ -13,7 +13,7 @@ _CLASSES: dict[type[KernelType], Any] = {}
 
 
 class Wrapped(types.Type):
-    """What numba knows a type of kernels as.
+    """Type in numba of a type of kernels.
 
     Attributes
     ----------

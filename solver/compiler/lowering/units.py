@@ -22,7 +22,7 @@ from .vectors import register_formulas
 
 #: Division by zero gives infinity, as in C.
 OPTIONS: dict[str, Any] = {"error_model": "numpy"}
-#: What numba calls the version of a function that takes arguments as C does.
+#: How numba names the version of a function that takes arguments as C does.
 C_WRAPPER_NAME = re.compile(r'define [^\n]*@"?(cfunc\.[^"\s(]+)"?\(')
 #: How names begin that are not of the C library.
 PYTHON_SYMBOLS = "numba", "NRT_", "Py", "_Py"
@@ -75,7 +75,7 @@ def _dispatcher(function: FunctionType) -> Any:
 
 
 def compile_unit(function: FunctionType, signature: Any) -> Unit:
-    """What numba makes of a function alone."""
+    """Return the LLVM module of a kernel without those that it calls."""
     register_formulas()
     with lock:
         _callee_stack.append([])
@@ -117,7 +117,7 @@ def _callee(choice: KernelChoice, arguments: tuple[Any, ...]) -> Unit:
 
 
 class CalleeType(types.Callable, types.Opaque):  # type: ignore[misc]
-    """What numba knows a kernel as, or several, or an intrinsic.
+    """Type in numba of a kernel, a choice of kernels or an intrinsic.
 
     Literal integers count as integers.
     """

@@ -100,7 +100,7 @@ class CodeArray:
 
 
 class _Placeholder:
-    """Any number, or an array of them; what is made of it is one, too."""
+    """Stands for a number or an array; operations on it give placeholders."""
 
     def __init__(self, kind: Any) -> None:
         self.kind = kind
