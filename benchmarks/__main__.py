@@ -22,6 +22,7 @@ BENCHMARKS = (
     "elastic",
     "reduction_methods",
     "calculix",
+    "large_parts",
     "elements",
     "frontends",
     "q4_iga",
