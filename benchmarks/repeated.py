@@ -80,10 +80,10 @@ def _solutions() -> Iterator[list[float]]:
     known = Run.integrate, Run.finish
 
     def timed(work: Callable[..., Any]) -> Callable[..., Any]:
-        def measured(*arguments: Any) -> Any:
+        def measured(*arguments: Any, **named: Any) -> Any:
             began = time.thread_time()
             try:
-                return work(*arguments)
+                return work(*arguments, **named)
             finally:
                 spent.append(time.thread_time() - began)
 
