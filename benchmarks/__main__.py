@@ -83,8 +83,8 @@ def main(names: tuple[str, ...], output: Path, readme: bool, keep: bool) -> None
         page = ROOT / "docs" / "speed.md"
         write_section(page, load(output, SHORT), note=True)
         write_section(ROOT / "README.md", load(output, FIRST))
-        for page in PAGES:
-            write_section(ROOT / "docs" / f"{page}.md", load(output, (page,)))
+        for name in PAGES:
+            write_section(ROOT / "docs" / f"{name}.md", load(output, (name,)))
         click.echo("docs/speed.md and README.md updated")
 
 

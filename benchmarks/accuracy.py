@@ -55,7 +55,7 @@ class Verdict:
     """
 
     seed: int
-    expected: float
+    wanted: float
     refused: str = ""
     estimates: list[float] = field(default_factory=list)
     errors: list[float] = field(default_factory=list)
@@ -174,7 +174,7 @@ def verdict_text(verdict: Verdict) -> str:
     return (
         f"{head}, {len(verdict.errors)} outputs, error {verdict.use:.2g} of it, "
         f"estimate / error {min(ratios):.3g} to {max(ratios):.3g}, "
-        f"{verdict.kept[0]} of {verdict.kept[1]} shape functions, "
+        f"{verdict.retained[0]} of {verdict.retained[1]} shape functions, "
         f"{verdict.runs} runs in {verdict.seconds[0]:.1f} s, "
         f"{verdict.seconds[1]:.3f} s for {verdict.seconds[2]:.3f} s"
     )

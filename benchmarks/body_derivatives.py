@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -42,13 +43,13 @@ def run(folder: Path, name: str, say: Callable[[str], None]) -> Report:
     """Processor time of a conversion, of the preparation, and of each variable."""
     rows = []
     for label, model, keys in _models():
-        conversion = _least(lambda m=model: sid_from_model(m))
-        preparation = _least(lambda m=model: DifferentiableBody(m))
+        conversion = _least(partial(sid_from_model, model))
+        preparation = _least(partial(DifferentiableBody, model))
         body = DifferentiableBody(model)
         variables = [design_variable(model, key) for key in keys]
         with _clock() as first:
             body.derivative(variables[0])
-        each = [_least(lambda b=body, v=v: b.derivative(v)) for v in variables]
+        each = [_least(partial(body.derivative, v)) for v in variables]
         factors = max(0.0, first[0] - each[0])
         cells = [conversion, preparation, factors, *each]
         shares = [f"{seconds / conversion:.2f}" for seconds in each]

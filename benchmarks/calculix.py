@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from sidtool.formats.model import ModelFile
+from sidtool.formats.model.geometry import VolumeGeometry
 from sidtool.formats.toml.reading import read_data, validate_data
 from sidtool.geometry.nurbs_patch import patch_from_model
 from sidtool.isogeometric.sampled_patch import sampled_volume
@@ -123,8 +124,9 @@ def _mesh(kind: str) -> Mesh:
     data["discretisation"] = {"type": kind, "elements": list(elements)}
     corner = {"edge": "left", "at": [0.5, 0.5]}
     data["markers"] = {"crank_pin": {"node": 1, **corner}}
-    model = validate_data(data, ModelFile)
-    return sampled_volume(patch_from_model(model.geometry), elements, kind)
+    solid = validate_data(data, ModelFile).geometry
+    assert isinstance(solid, VolumeGeometry)
+    return sampled_volume(patch_from_model(solid), elements, kind)
 
 
 def _input(mesh: Mesh, element: str) -> str:

@@ -83,7 +83,7 @@ SHELLS = """*NODE
 
 def write_decks(root: Path) -> list[tuple[Path, Path]]:
     """Folders with a model in each, and the file of it that is mutated."""
-    found = []
+    found = list[tuple[Path, Path]]()
 
     def put(
         name: str,

@@ -24,7 +24,7 @@ import traceback
 import warnings
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -130,8 +130,8 @@ def main(folder: Path, limit: float, output: Path | None, match: str) -> None:
     report = _report(verdicts)
     click.echo(report.tables[0].text())
     if output is not None:
-        report.tables += _others(output, {v.name for v in verdicts})
-        save(output, "decks", report)
+        others = _others(output, {v.name for v in verdicts})
+        save(output, "decks", replace(report, tables=[*report.tables, *others]))
 
 
 def _others(output: Path, names: set[str]) -> list[Table]:

@@ -13,6 +13,7 @@ from collections.abc import Callable
 from dataclasses import fields
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.optimize import brentq
@@ -124,7 +125,7 @@ def _row(part: str, element: str, best: Found) -> list[str]:
 
 
 def _errors(found: Found, best: Found) -> list[np.ndarray]:
-    ratios = [
+    ratios: list[Any] = [
         found.frequencies[:1] / best.frequencies[:1],
         found.frequencies / best.frequencies,
         found.deflection / best.deflection,

@@ -66,6 +66,11 @@ class Machine:
                 table["bodies"][name]["quadratic_inertia"] = True
         return SceneFile.model_validate(table)
 
+    @property
+    def every(self) -> float:
+        """Time between outputs [s]."""
+        return float(self.scene["time"]["output_step"])
+
     def system(self, quadratic_inertia: bool = False) -> System:
         return compile_scene(
             self.tables(quadratic_inertia), Path.cwd(), dict(self.sids)
@@ -95,7 +100,7 @@ def run(folder: Path, name: str, say: Callable[[str], None]) -> Report:
 def _tables(machine: Machine, say: Callable[[str], None]) -> Iterator[Table]:
     system = machine.system()
     truth, uncertainty = truth_of(system)
-    every = system.scene.time.output_step
+    every = machine.every
     settings = [Setting(name, rtol=rtol) for name in CONTROLLED for rtol in RTOLS]
     settings += [
         Setting(name, rtol, every / count)
@@ -123,7 +128,7 @@ def _exudyn_runs(machine: Machine, say: Callable[[str], None]) -> Iterator[Run]:
     """Runs with the linear solver that is faster with the first step."""
     truth, _ = truth_of(machine.system(quadratic_inertia=True))
     scene = machine.tables(quadratic_inertia=True)
-    every = scene.time.output_step
+    every = machine.every
 
     def tried(settings: ExudynSettings) -> tuple[dict[str, Array], float]:
         return solve(scene, machine.sids, settings)

@@ -25,7 +25,7 @@ IN_PLANE = 1e-3
 #: Shape functions up to the stretching mode at 1255 Hz: a solid has others between.
 MODES = {2: 5, 3: 18}
 
-PLANE = {
+PLANE: dict[str, dict[str, Any]] = {
     "Q4, 150 x 10": {
         "type": "q4",
         "elements": [150, 10],
@@ -38,7 +38,7 @@ PLANE = {
     },
     "IGA, degrees 7 and 4": {"type": "iga", "degrees": [7, 4], "elements": [25, 8]},
 }
-SOLID = {
+SOLID: dict[str, dict[str, Any]] = {
     "hex8, incompatible modes": {
         "type": "hex8",
         "elements": [60, 4, 1],
@@ -48,7 +48,7 @@ SOLID = {
     "tet10": {"type": "tet10", "elements": [30, 2, 1]},
     "trivariate NURBS": {"type": "iga", "degrees": [4, 3, 2], "elements": [10, 1, 1]},
 }
-BEAM = {
+BEAM: dict[str, dict[str, Any]] = {
     "beam, Euler-Bernoulli": {"type": "beam", "elements": 30},
     "beam, Timoshenko": {"type": "beam", "elements": 30, "theory": "timoshenko"},
 }
@@ -91,7 +91,7 @@ def run(folder: Path, name: str, say: Callable[[str], None]) -> Report:
 def models() -> dict[str, dict[str, Any]]:
     """Name -> the rod of the example as the data of a model file."""
     rod = read_data(EXAMPLE / "rod_q4.toml")
-    result = {}
+    result = dict[str, dict[str, Any]]()
     for kind, settings in PLANE.items():
         result[kind] = rod | {"discretisation": settings}
     for kind, settings in SOLID.items():

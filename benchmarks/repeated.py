@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -40,12 +41,8 @@ def run(folder: Path, name: str, say: Callable[[str], None]) -> Report:
         anew, again = [], []
         for k in range(1, RUNS + 1):  # none with the numbers of the scene
             changes = numbers(k)
-            anew.append(
-                _times_outside_solution(
-                    lambda c=changes: scene.with_(c).simulate().notes
-                )
-            )
-            again.append(_times_outside_solution(lambda c=changes: compiled.run(c)))
+            anew.append(_times_outside_solution(partial(_anew, scene, changes)))
+            again.append(_times_outside_solution(partial(compiled.run, changes)))
         one, other = (min(column[0] for column in part) for part in (anew, again))
         solved = min(total - beside for beside, total in again)
         cells = [f"{1e3 * x:.2f}" for x in (solved, one, other)]
@@ -64,6 +61,11 @@ def run(folder: Path, name: str, say: Callable[[str], None]) -> Report:
     )
 
 
+def _anew(scene: sidtool.Scene, changes: Mapping[str, Any]) -> Any:
+    """Compile the scene with changes, run it and read its notes."""
+    return scene.with_(changes).simulate().notes
+
+
 def _times_outside_solution(work: Callable[[], Any]) -> tuple[float, float]:
     """Return the seconds outside the solution, and the total."""
     with _solutions() as spent:
@@ -77,7 +79,7 @@ def _times_outside_solution(work: Callable[[], Any]) -> tuple[float, float]:
 def _solutions() -> Iterator[list[float]]:
     """The processor seconds of the solutions inside."""
     spent: list[float] = []
-    known = Run.integrate, Run.finish
+    known: tuple[Callable[..., Any], ...] = Run.integrate, Run.finish
 
     def timed(work: Callable[..., Any]) -> Callable[..., Any]:
         def measured(*arguments: Any, **named: Any) -> Any:
@@ -89,8 +91,9 @@ def _solutions() -> Iterator[list[float]]:
 
         return measured
 
-    Run.integrate, Run.finish = map(timed, known)  # type: ignore[method-assign, assignment]
+    own: Any = Run
+    own.integrate, own.finish = map(timed, known)
     try:
         yield spent
     finally:
-        Run.integrate, Run.finish = known  # type: ignore[method-assign]
+        own.integrate, own.finish = known

@@ -36,7 +36,7 @@ EXAMPLES = Path(__file__).parents[1] / "examples"
 #: Outputs of the founding scene: a position, an elastic coordinate, a bearing force.
 CRANK = ("piston.x", "rod.q1", "piston_pin.fx")
 #: Of the arm, and a stress.
-ARM = ("arm.tip.x", "arm.q1", "pin.fx", "arm.root.sigma_xx")
+ARM = ("arm.tip.x", "arm.q1", "pin.fx", "arm.root.sigma_xy")
 REQUESTS = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
 METHOD, TIGHT = "radau13", 1e-12
 HEADER = ["wanted", "estimate", "error", "kept", "integrator", "rtol", "steps", "s"]

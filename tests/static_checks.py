@@ -8,7 +8,8 @@ it is installed.
 
 Both follow folders, and `sidtool.solver` and `sidtool.formats` are at the top of the
 repository. A folder below `build/` shows them where they are installed: by links, on
-Windows by copies.
+Windows by copies. The benchmarks, which are rarely run, are checked with the tests that
+they use beside it.
 """
 
 from __future__ import annotations
@@ -41,23 +42,30 @@ def main() -> int:
     """Exit status of the first check that fails, 0 if none does."""
     top = ROOT / "build" / "typed"
     package = top / "sidtool"
-    if package.exists():
-        shutil.rmtree(package)
+    for folder in (package, top / "benchmarks", top / "tests"):
+        if folder.is_symlink():
+            folder.unlink()
+        elif folder.exists():
+            shutil.rmtree(folder)
     package.mkdir(parents=True)
-    shown = {path.name: path for path in (ROOT / "sidtool").iterdir()}
-    shown |= {name: ROOT / folder for folder, name in INNER.items()}
-    for name, path in shown.items():
-        if name == "__pycache__":
+    shown = {package / path.name: path for path in (ROOT / "sidtool").iterdir()}
+    shown |= {package / name: ROOT / folder for folder, name in INNER.items()}
+    shown |= {top / name: ROOT / name for name in ("benchmarks", "tests")}
+    for place, path in shown.items():
+        if place.name == "__pycache__":
             continue
         if sys.platform != "win32":
-            (package / name).symlink_to(path)
+            place.symlink_to(path)
         elif path.is_dir():
-            shutil.copytree(path, package / name)
+            shutil.copytree(path, place)
         else:
-            shutil.copy(path, package / name)
+            shutil.copy(path, place)
     command = [sys.executable, "-m", "mypy", "--config-file", ROOT / "pyproject.toml"]
-    done = subprocess.run([*command, *sys.argv[1:]], cwd=top, check=False)
-    return done.returncode or _check_imports(top) or _check_users(top) or prose.main()
+    for more in (sys.argv[1:], ["--follow-imports=silent", "-p", "benchmarks"]):
+        done = subprocess.run([*command, *more], cwd=top, check=False)
+        if done.returncode:
+            return done.returncode
+    return _check_imports(top) or _check_users(top) or prose.main()
 
 
 def _check_imports(top: Path) -> int:
