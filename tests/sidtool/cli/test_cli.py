@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import sys
 import time
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
@@ -85,7 +86,9 @@ def test_a_simulation_imports_what_it_needs(folder: Path) -> None:
     kernels that are not on disk need numba.
     """
     heavy = ("scipy.linalg", "scipy.sparse", "scipy.interpolate", "matplotlib", "numba")
-    heavy += ("numpy.ma", "sidtool.formats.model")
+    heavy += ("sidtool.formats.model",)
+    if not version("numpy").startswith("1."):  # which imports it by itself
+        heavy += ("numpy.ma",)
     scene, result = folder / "example" / "slider_crank.toml", folder / "out" / "r.h5"
     changes = ("--quiet", "--set", "time.end=0.01")
     _, imported = _imported(heavy, "simulate", scene, "-o", result, *changes)
