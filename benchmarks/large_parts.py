@@ -13,7 +13,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -100,21 +100,16 @@ def _housing(occ: Any) -> int:
     )
 
 
+ROD = Part(
+    "connecting rod",
+    _rod,
+    (-0.022, -0.022, 0, 0.022, 0.022, 0.02),
+    (0.148, -0.012, 0, 0.172, 0.012, 0.02),
+    0.0031,
+)
 PARTS = (
-    Part(
-        "connecting rod",
-        _rod,
-        (-0.022, -0.022, 0, 0.022, 0.022, 0.02),
-        (0.148, -0.012, 0, 0.172, 0.012, 0.02),
-        0.0031,
-    ),
-    Part(
-        "connecting rod, finer",
-        _rod,
-        (-0.022, -0.022, 0, 0.022, 0.022, 0.02),
-        (0.148, -0.012, 0, 0.172, 0.012, 0.02),
-        0.00195,
-    ),
+    ROD,
+    replace(ROD, name="connecting rod, finer", size=0.00195),
     Part(
         "bracket",
         _bracket,

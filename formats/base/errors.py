@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from copy import copy
 
 #: What a terminal obeys instead of showing it, and what is no character.
@@ -60,6 +61,17 @@ class InputError(Exception):
         error = copy(self)
         error.source = os.fspath(source)
         return error
+
+
+@contextmanager
+def errors_inside(place: str) -> Iterator[None]:
+    """Name the place of a table in errors that are raised inside the context."""
+    try:
+        yield
+    except InputError as error:
+        inner = copy(error)
+        inner.place = f"{place}.{error.place}" if error.place else place
+        raise inner from None
 
 
 class TooManyModes(InputError):

@@ -149,7 +149,7 @@ def imported_mesh_model(model: ModelFile) -> FiniteElementModel:
         plane = mesh.dimension == 2
         state = _plane_state(settings, imported) if plane else "solid"
         if plane:
-            _check_thickness(plain)
+            _check_thickness(mesh)
         amplitudes: Amplitudes = {}
         mass, stiffness = mesh_matrices(
             mesh, materials, state, incompatible_modes=True, amplitudes=amplitudes

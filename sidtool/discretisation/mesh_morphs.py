@@ -5,21 +5,20 @@ elements, or from vectors of node sets, between which every coordinate satisfies
 Laplace's equation: the mesh between two sets that move apart is stretched evenly.
 """
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
-from scipy.sparse.linalg import splu
 
 from sidtool.formats.base.complex_step import Numbers
-from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.errors import InputError, errors_inside
 from sidtool.formats.base.sid import Array
 from sidtool.formats.model.geometry import MeshGeometry, Morph
 
+from ..eigensolvers.factorisation import symmetric_factors
 from ..elements.solid_elements import MatrixSum
 from ..elements.solid_mesh import element_batches
 from ..mesh.connections import NamedSets
@@ -52,32 +51,17 @@ def with_morphs(
     """
     positions: Numbers = imported.mesh.positions
     for name, morph in geometry.morphs.items():
-        with _errors_inside(f"geometry.morphs.{name}"):
+        with errors_inside(f"geometry.morphs.{name}"):
             if morph.file is not None:
                 moves = _moves_to(imported, read(morph.file), morph.file)
             else:
-                moves = _moved_nodes(imported, morph)[0]
+                moves, given = _moved_nodes(imported, morph)
                 if morph.amount != 0.0:
-                    moves = _moves_between_sets(imported, morph) / length
+                    moves = _moves_between_sets(imported, moves, given) / length
             if not moves.any():
                 raise InputError("moves no node", expected="nodes at other places")
         positions = positions + morph.amount * moves
     return replace(imported, mesh=replace(imported.mesh, positions=positions))
-
-
-@contextmanager
-def _errors_inside(place: str) -> Iterator[None]:
-    """Name the place of a table in errors that are raised inside the context."""
-    try:
-        yield
-    except InputError as error:
-        inner = f".{error.place}" if error.place else ""
-        raise InputError(
-            error.problem,
-            source=error.source,
-            place=place + inner,
-            expected=error.expected,
-        ) from None
 
 
 def _moves_to(imported: ImportedMesh, other: ImportedMesh, file: str) -> Array:
@@ -107,20 +91,17 @@ def _elements(imported: ImportedMesh) -> tuple[object, ...]:
     return mesh.positions.shape, mesh.labels.tolist(), blocks, bars, shells
 
 
-def _moves_between_sets(imported: ImportedMesh, morph: Morph) -> Array:
-    """Return the direction (n, d) of each node, given those of some sets [m]."""
-    mesh = imported.mesh
-    moves, given = _moved_nodes(imported, morph)
+def _moves_between_sets(imported: ImportedMesh, moves: Array, given: Flags) -> Array:
+    """Return the direction (n, d) of each node from those of the given ones [m]."""
+    mesh, moves = imported.mesh, moves.copy()
     laplacian = _laplacian(mesh)
     used = laplacian.diagonal() > 0
     _check_parts(mesh, laplacian, used, given)
     free = np.flatnonzero(used & ~given)
     if free.size:
-        inner = sp.csc_matrix(laplacian[free][:, free])
+        inner = sp.csr_matrix(laplacian[free][:, free])
         load = laplacian[free][:, np.flatnonzero(given)] @ moves[given]
-        factors = splu(
-            inner, permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}
-        )
+        factors = symmetric_factors(inner, mesh.positions[free])
         moves[free] = -factors.solve(np.asarray(load))
     row = {int(label): i for i, label in enumerate(mesh.labels)}
     for coupling in imported.couplings:
@@ -151,7 +132,7 @@ def _moved_nodes(imported: ImportedMesh, morph: Morph) -> tuple[Array, Flags]:
                 place=place,
                 expected=f"{mesh.dimension}",
             )
-        with _errors_inside("moves"):
+        with errors_inside("moves"):
             nodes = sets[name]
         again = nodes[given[nodes]]
         if np.abs(moves[again] - vector).max(initial=0) > _SAME * np.abs(vector).max():

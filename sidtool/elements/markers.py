@@ -6,7 +6,7 @@ Markers of a mesh: the elements that contain them, and the rows of their motion.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -15,7 +15,7 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
 from sidtool.formats.base.complex_step import number_type, numbers, without_rounding
-from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.errors import InputError, errors_inside
 from sidtool.formats.base.sid import Array
 from sidtool.formats.model import ModelFile, NodeMarker
 
@@ -61,14 +61,9 @@ def markers_with_position(
             yield name, marker
 
 
-@contextmanager
-def name_marker_in_errors(name: str) -> Iterator[None]:
+def name_marker_in_errors(name: str) -> AbstractContextManager[None]:
     """Name a marker in errors that are raised inside the context."""
-    try:
-        yield
-    except InputError as error:
-        place = f"markers.{name}" + (f".{error.place}" if error.place else "")
-        raise InputError(error.problem, place=place, expected=error.expected) from None
+    return errors_inside(f"markers.{name}")
 
 
 def marker_parameters(

@@ -2,7 +2,6 @@
 
 import hashlib
 import os
-import re
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
@@ -29,9 +28,8 @@ from ..mesh.deck_text import deck_files
 CACHE_FOLDER = ".sidtool"
 #: Ending of full fields, which are stored next to their SIDs.
 FIELD_ENDING = ".field.h5"
-#: Endings of meshes that may include other files, and the words by which they do.
+#: Endings of meshes that may include other files.
 _DECKS = (".inp", ".bdf", ".nas", ".dat")
-_INCLUDES = re.compile(rb"\binclude\b|\binput\s*=", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
@@ -173,25 +171,34 @@ class BodyModel:
 
 
 def model_digest(model: ModelFile) -> str:
-    """Return a digest of a model and of the files that it names."""
+    """Return a digest of a model, the files that it names and what these include."""
     from .. import __version__
 
     digest = hashlib.sha256(f"{__version__} {model.model_dump_json()}".encode())
-    for path in sorted(set(_files_read(model))):
-        digest.update(path.read_bytes())
+    contents = dict[Path, bytes]()
+    for path in _named_files(model):
+        contents[path] = path.read_bytes()
+        if path.suffix.lower() in _DECKS and _may_include(contents[path]):
+            others = filter(Path.is_file, deck_files(path)[1:])
+            contents |= {other: other.read_bytes() for other in others}
+    for path in sorted(contents):
+        digest.update(contents[path])
     return digest.hexdigest()[:16]
 
 
-def _files_read(value: Any) -> Iterator[Path]:
-    """Yield the files that a model names, and those that its decks include."""
+def _may_include(deck: bytes) -> bool:
+    """Return whether a deck has words by which others are included."""
+    text = deck.lower()
+    return b"include" in text or b"input" in text
+
+
+def _named_files(value: Any) -> Iterator[Path]:
+    """Yield the texts of a model that are names of files, also in tables by name."""
     if isinstance(value, BaseModel):
         for name in type(value).model_fields:
-            yield from _files_read(getattr(value, name))
+            yield from _named_files(getattr(value, name))
     elif isinstance(value, Mapping):
         for part in value.values():
-            yield from _files_read(part)
+            yield from _named_files(part)
     elif isinstance(value, str) and os.path.isfile(value):
-        path = Path(value)
-        yield path
-        if path.suffix.lower() in _DECKS and _INCLUDES.search(path.read_bytes()):
-            yield from filter(Path.is_file, deck_files(path))
+        yield Path(value)
