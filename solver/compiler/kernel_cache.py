@@ -187,12 +187,12 @@ def kernel_digest(function: FunctionType, signatures: tuple[Any, ...]) -> str:
     texts = [function.__qualname__, *map(_type_text, signatures)]
     functions, numbers = [function], {function: 0}
     for each in functions:  # which grow meanwhile
-        text, callees = _function_text(each)
+        digest, callees = _function_digest(each)
         for callee in callees:
             if callee not in numbers:
                 numbers[callee] = len(functions)
                 functions.append(callee)
-        texts.append(f"{text} {[numbers[callee] for callee in callees]}")
+        texts.append(f"{digest} {[numbers[callee] for callee in callees]}")
     return hashlib.sha256("\n".join(texts).encode()).hexdigest()
 
 
@@ -221,8 +221,8 @@ def _table_text(kind: TableType) -> str:
 
 
 @cache
-def _function_text(function: FunctionType) -> tuple[str, list[FunctionType]]:
-    """Bytecode and constants of a function, and the functions that it refers to.
+def _function_digest(function: FunctionType) -> tuple[str, list[FunctionType]]:
+    """Of bytecode and constants of a function, and the functions that it refers to.
 
     Those of one factory have the same code, and differ in what they enclose.
     """
@@ -235,6 +235,8 @@ def _function_text(function: FunctionType) -> tuple[str, list[FunctionType]]:
         n: c.cell_contents for n, c in zip(code.co_freevars, cells, strict=True)
     }
     for name, value in (scope | enclosed).items():
+        if value is None:  # as for names of attributes
+            continue
         # kernels and numba's functions have a py_func, intrinsics a _defn
         python = getattr(value, "py_func", None) or getattr(value, "_defn", None)
         python = value if isinstance(value, FunctionType) else python
@@ -242,7 +244,7 @@ def _function_text(function: FunctionType) -> tuple[str, list[FunctionType]]:
         callees += either
         if either or isinstance(value, HASHED_TYPES):
             parts.append(name if either else f"{name}={value!r}")
-    return " ".join(parts), callees
+    return hashlib.sha256(" ".join(parts).encode()).hexdigest(), callees
 
 
 def _code_text(code: CodeType) -> str:

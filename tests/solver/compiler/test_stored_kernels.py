@@ -44,9 +44,9 @@ def made(monkeypatch: pytest.MonkeyPatch) -> None:
 
     compile_kernel = units.compile_kernel
 
-    def compiled(function: Any, signature: Any) -> bytes:
+    def compiled(function: Any, signature: Any, *library: Any) -> bytes:
         _made.append(function)
-        return compile_kernel(function, signature)
+        return compile_kernel(function, signature, *library)
 
     _made.clear()
     monkeypatch.setattr(units, "compile_kernel", compiled)
