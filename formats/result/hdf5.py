@@ -127,15 +127,15 @@ def write_csv(path: str | Path, result: Result) -> None:
 
 def units_in(result: Result) -> Callable[[str], str]:
     """The unit of an output of this result by its name, see `unit_of`."""
-    return _units_of_scene(result.scene)
+    return partial(unit_of, scene=lambda: _scene_of(result.scene))
 
 
 @lru_cache(maxsize=8)
-def _units_of_scene(text: str) -> Callable[[str], str]:
+def _scene_of(text: str) -> SceneFile | None:
     try:
-        return partial(unit_of, scene=validate_data(json.loads(text), SceneFile))
+        return validate_data(json.loads(text), SceneFile)
     except (ValueError, InputError):
-        return unit_of
+        return None
 
 
 class ResultFile:

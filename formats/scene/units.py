@@ -1,6 +1,6 @@
 """Units of outputs, for axes and tables."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 from .connections import FORCES, THREAD_MULTIPLIER, force_coordinate, is_turned
 from .forces import Force, PointForce
@@ -37,8 +37,12 @@ _RATES = {"value": "", "rate": "/s", "acceleration": "/s\N{SUPERSCRIPT TWO}"}
 _WORDS = {**_MOMENTA, "quaternion": "", "rotation": "rad"}
 
 
-def unit_of(name: str, scene: SceneTables | None = None) -> str:
+def unit_of(
+    name: str, scene: SceneTables | Callable[[], SceneTables | None] | None = None
+) -> str:
     """Return the unit of an output; empty if it has none, or an unknown one.
+
+    scene : or a function that returns it, called if the unit depends on it
 
     Quaternions, force scales, and `sticking` have none; elastic coordinates have the
     unit of their SID, states of formulas what follows from these, and `constraint` is
@@ -56,13 +60,13 @@ def unit_of(name: str, scene: SceneTables | None = None) -> str:
     if parsed.owner == "constraint" and not parsed.marker:
         return ""
     if parsed.owner == INPUTS and not parsed.marker:
-        return _input_unit(parsed.quantity, scene)
+        return _input_unit(parsed.quantity, _given(scene))
     if parsed.owner in _MOMENTA and not parsed.marker:
         return _MOMENTA[parsed.owner]
     if "_" in quantity and quantity.rpartition("_")[0] in _WORDS:
         return _WORDS[quantity.rpartition("_")[0]]
     if quantity in FRICTION_QUANTITIES:
-        return _friction_unit(parsed, scene)
+        return _friction_unit(parsed, _given(scene))
     if is_stress(quantity):
         return "Pa"
     if is_section_force(parsed):
@@ -70,22 +74,28 @@ def unit_of(name: str, scene: SceneTables | None = None) -> str:
     if is_elastic(quantity):
         return ""
     if MULTIPLIER.fullmatch(quantity):
-        return _multiplier_unit(parsed, scene)
+        return _multiplier_unit(parsed, _given(scene))
     if quantity in JOINT_QUANTITIES:
         return "N" if quantity[0] == "f" else "N m"
     if parsed.marker == STATE or quantity == VALUE:
-        return _law_unit(parsed, scene)
+        return _law_unit(parsed, _given(scene))
     if quantity in EFFORTS:
         return "N" if quantity == "force" else "N m"
     if quantity == POWER:
         return "W"
     if quantity in MEASURES:
-        return _measure_unit(parsed, scene)
+        return _measure_unit(parsed, _given(scene))
     coordinate = coordinate_of(quantity)
     if coordinate:
         unit = "rad" if coordinate.startswith("angle") else "m"
         return f"{unit}/s" if is_rate(quantity) else unit
     return _KINDS[quantity[0]] if len(quantity) == 2 else "m"
+
+
+def _given(
+    scene: SceneTables | Callable[[], SceneTables | None] | None,
+) -> SceneTables | None:
+    return scene() if callable(scene) else scene
 
 
 def _input_unit(name: str, scene: SceneTables | None) -> str:

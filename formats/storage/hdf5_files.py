@@ -19,10 +19,10 @@ import hashlib
 import math
 import os
 import platform
+import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache
-from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -43,6 +43,8 @@ HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 SEAL_SIGNATURE = b"\x89SID\r\n\x1a\n"
 #: A packed dataset has at most this many times the size of its file.
 PACKED = 100
+#: End of the name of the folder with the metadata of an installed package.
+_METADATA = ".dist-info"
 
 
 def check_finite(sid: SID) -> None:
@@ -209,11 +211,31 @@ def check_seal(path: Path) -> None:
 
 @cache
 def version_of(package: str) -> str:
-    """The version of an installed package."""
+    """The version of an installed package, from the name of its folder of metadata.
+
+    Where there is no such folder, `importlib.metadata` knows. Its import and the
+    metadata of four packages take 13 ms, a thirtieth of a short simulation.
+    """
+    for name in _metadata_folders():
+        version = name.removeprefix(f"{package}-").removesuffix(_METADATA)
+        if len(version) + len(f"{package}-{_METADATA}") == len(name):
+            return version
+    from importlib import metadata
+
     try:
         return metadata.version(package)
     except metadata.PackageNotFoundError:
         return "not installed"
+
+
+@cache
+def _metadata_folders() -> list[str]:
+    """Names such as "numpy-2.0.0.dist-info", in the order of the search path."""
+    found: list[str] = []
+    for folder in sys.path:
+        with suppress(OSError):
+            found += (path.name for path in Path(folder).glob(f"*{_METADATA}"))
+    return found
 
 
 def written_by() -> str:
