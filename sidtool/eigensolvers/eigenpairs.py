@@ -14,7 +14,7 @@ from sidtool.formats.base.sid import Array
 from ..mesh.mesh import Indices
 from ..mesh.quadratic_fields import softest_deformation
 from .factorisation import engine_name, symmetric_factors
-from .lanczos import RESIDUAL, Pencil, dominant_vectors, expected_blocks
+from .lanczos import ACCURATE, Accuracy, Pencil, dominant_vectors, expected_blocks
 from .slepc import ProgressCounter, notify, slepc_eigenvectors
 
 __all__ = [
@@ -120,7 +120,7 @@ def lowest_eigenpairs(
     rigid: Array | None = None,
     places: Array | None = None,
     static: Solve | None = None,
-    residual: float = RESIDUAL,
+    accuracy: Accuracy = ACCURATE,
 ) -> tuple[Array, Array]:
     """Return the `count` lowest eigenvalues, ascending, and M-orthonormal eigenvectors.
 
@@ -138,8 +138,7 @@ def lowest_eigenpairs(
     static : function that returns responses to loads (n, k); they meet the constraints
         and contain no rigid motion (loads are balanced by inertia). By default
         K - shift M is factored, which is not possible with constraints
-    residual : of the eigenvectors, relative to their values; those of eigenvalues are
-        its square over the gap between them
+    accuracy : of the eigenvectors or eigenvalues
 
     Returns
     -------
@@ -164,7 +163,7 @@ def lowest_eigenpairs(
         space = (
             _dense_space(pencil, count)
             if dense
-            else _invariant_space(pencil, count, places, static, residual)
+            else _invariant_space(pencil, count, places, static, accuracy)
         )
         values, vectors = _ritz_pairs(stiffness, mass, space)
     except (ValueError, RuntimeError, np.linalg.LinAlgError) as error:
@@ -237,7 +236,7 @@ def _invariant_space(
     count: int,
     places: Array | None,
     static: Solve | None,
-    residual: float,
+    accuracy: Accuracy,
 ) -> Array:
     """(n, count) vectors that span the lowest eigenvectors."""
     if engine_name() == "slepc":
@@ -255,9 +254,9 @@ def _invariant_space(
         return answer
 
     if static is None:
-        return dominant_vectors(counted, pencil.mass, count, pencil.rigid, residual)
+        return dominant_vectors(counted, pencil.mass, count, pencil.rigid, accuracy)
     none = pencil.rigid[:, :0]
-    vectors = dominant_vectors(counted, pencil.mass, count - known, none, residual)
+    vectors = dominant_vectors(counted, pencil.mass, count - known, none, accuracy)
     return np.hstack([pencil.rigid, vectors])
 
 

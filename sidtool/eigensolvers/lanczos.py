@@ -18,8 +18,11 @@ from sidtool.formats.base.sid import Array
 #: Equal eigenvalues come in pairs and triples, by symmetry. A solution for four vectors
 #: takes 1.1 to 1.5 times as long as for two, and half as many are needed.
 BLOCK_SIZE = 4
-#: Residual of a Ritz pair relative to its value.
+#: Residual of an eigenvector relative to its value.
 RESIDUAL = 1e-12
+#: Relative error of a value that only has to differ from the others, by so much.
+_ERROR_OF_NEXT = 1e-6
+_DIFFERENT = 1e-4
 #: A direction is dependent if this fraction of its squared norm is left.
 _NEW_DIRECTION_TOLERANCE = 1e-24
 #: Negative values beside the largest one that are no rounding.
@@ -35,12 +38,66 @@ def expected_blocks(count: int) -> float:
     return count + 7.0
 
 
+@dataclass(frozen=True)
+class Accuracy:
+    """Accuracy at which a search for eigenpairs ends.
+
+    Attributes
+    ----------
+    residual : of the eigenvectors, relative to their values
+    value_error : relative error of the eigenvalues below which residuals do not matter
+    next_is_distinct : the last pair is not needed. It shows that the values before are
+        not those of a group of equal ones that goes on
+    """
+
+    residual: float = RESIDUAL
+    value_error: float = 0.0
+    next_is_distinct: bool = False
+
+    def reached(self, values: Array, residuals: Array, count: int) -> bool:
+        """Return whether the first `count` of all Ritz pairs are accurate.
+
+        Parameters
+        ----------
+        values : (n,) falling
+        residuals : (n,) norms
+        """
+        sizes = np.abs(values[:count])
+        errors = _value_errors(values, residuals, count) / sizes
+        accurate = residuals[:count] <= self.residual * sizes
+        accurate |= errors <= self.value_error
+        if self.next_is_distinct and count > 1:
+            gap = sizes[-2] / sizes[-1] - 1.0
+            accurate[-1] |= gap > _DIFFERENT and errors[-1] <= _ERROR_OF_NEXT
+        return bool(accurate.all())
+
+
+#: Eigenvectors to rounding.
+ACCURATE = Accuracy()
+
+
+def _value_errors(values: Array, residuals: Array, count: int) -> Array:
+    """(count,) bounds of the errors of the first Ritz values.
+
+    Squares of residuals over the gap to other eigenvalues. Values whose intervals
+    overlap count as one group, and their squares are added.
+
+    Source: B. Parlett, "The Symmetric Eigenvalue Problem", SIAM 1998, theorems 11.7.1
+    and 11.7.2.
+    """
+    distances = np.abs(values[:count, None] - values)
+    in_group = distances <= residuals[:count, None] + residuals
+    gaps = np.where(in_group, np.inf, distances - residuals).min(axis=1)
+    squares = np.where(in_group, residuals**2, 0.0).sum(axis=1)
+    return np.minimum(residuals[:count], squares / gaps)
+
+
 def dominant_vectors(
     operator: Callable[[Array], Array],
     mass: sp.csr_matrix,
     count: int,
     rigid: Array,
-    residual: float = RESIDUAL,
+    accuracy: Accuracy = ACCURATE,
 ) -> Array:
     """(n, count) eigenvectors of the largest eigenvalues of an operator.
 
@@ -50,16 +107,15 @@ def dominant_vectors(
         metric of M
     mass : (n, n) M, positive definite on the range of the operator
     rigid : (n, r) eigenvectors that are known
-    residual : of the eigenvectors, relative to their values
 
     Raises
     ------
     RuntimeError : they do not converge, or the operator is not positive.
     """
-    space = _KrylovSpace(operator, mass, count, rigid, residual)
+    space = _KrylovSpace(operator, mass, count, rigid)
     while True:
         space.extend()
-        vectors = space.converged(count)
+        vectors = space.converged(count, accuracy)
         if vectors is not None:
             return vectors
 
@@ -73,10 +129,8 @@ class _KrylovSpace:
         mass: sp.csr_matrix,
         count: int,
         rigid: Array,
-        residual: float,
     ) -> None:
         n = mass.shape[0]
-        self._residual = residual
         self._operator, self._mass = operator, mass
         self._random = np.random.default_rng(0)
         self._limit = min(n, 20 * count + 200)
@@ -90,6 +144,9 @@ class _KrylovSpace:
 
     def extend(self) -> None:
         """Add the next block and apply the operator to it.
+
+        The image has components along this block and the one before, and rounding
+        along all others.
 
         Raises
         ------
@@ -105,29 +162,44 @@ class _KrylovSpace:
         self._vector_momenta[:, first:last] = self._momenta
         self._size = last
         image = self._operator(self._momenta)
-        column = self._vector_momenta[:, :last].T @ image
+        near = slice(first - self._coupling.shape[1], last)
+        self._next, self._momenta, self._coupling, column = self._orthonormal(
+            image, near
+        )
         self._small[:last, first:last] = column
         self._small[first:last, :last] = column.T
-        self._next, self._momenta, self._coupling = self._orthonormal(image, column)
         if not self._next.shape[1]:
             self._next, self._momenta = self._random_directions()
 
-    def converged(self, count: int) -> Array | None:
-        """The Ritz vectors of the largest values if their residuals are small."""
+    def converged(self, count: int, accuracy: Accuracy) -> Array | None:
+        """The Ritz vectors of the largest values if they are accurate."""
         if self._size < count:
             return None
         values, mixing = np.linalg.eigh(self._small[: self._size, : self._size])
         if values[0] < -_NEGATIVE_TOLERANCE * np.abs(values).max():
             raise RuntimeError(_MECHANISM_TEXT)
-        mixing = mixing[:, ::-1][:, :count]
+        values, mixing = values[::-1], mixing[:, ::-1]
         ends = mixing[self._size - self._coupling.shape[1] :]
-        residuals = np.linalg.norm(self._coupling @ ends, axis=0)
-        largest = values[::-1][:count]
-        if (residuals > self._residual * np.abs(largest)).any():
+        remainders = self._coupling @ ends
+        residuals = np.linalg.norm(remainders, axis=0)
+        if not accuracy.reached(values, residuals, count):
             return None
-        if not self._coupling.shape[0] and self._has_found_more(largest):
+        if not self._coupling.shape[0] and self._has_found_more(values[:count]):
             return None
-        return _combined(self._vectors[:, : self._size], mixing)
+        return self._purified(values[:count], mixing[:, :count], remainders[:, :count])
+
+    def _purified(self, values: Array, mixing: Array, remainders: Array) -> Array:
+        """The images of Ritz vectors over their values: Ritz vectors without much of
+        the highest modes, which have a large share in Rayleigh quotients.
+
+        Source: T. Ericsson, A. Ruhe, "The spectral transformation Lanczos method for
+        the numerical solution of large sparse generalized symmetric eigenvalue
+        problems", Mathematics of Computation 35, 1980.
+        """
+        vectors = _combined(self._vectors[:, : self._size], mixing)
+        if remainders.size:
+            vectors += _combined(self._next, remainders / values)
+        return vectors
 
     def _has_found_more(self, values: Array) -> bool:
         """Return whether random directions found more eigenvectors after the space was
@@ -156,38 +228,44 @@ class _KrylovSpace:
         return self._new_directions(self._operator(self._mass @ random))
 
     def _new_directions(self, block: Array) -> tuple[Array, Array]:
-        known = self._vector_momenta[:, : self._size].T @ block
-        block, momenta, _ = self._orthonormal(block, known)
-        return block, momenta
+        return self._orthonormal(block, slice(0))[:2]
 
-    def _orthonormal(self, block: Array, known: Array) -> tuple[Array, Array, Array]:
+    def _orthonormal(
+        self, block: Array, near: slice
+    ) -> tuple[Array, Array, Array, Array]:
         """Return new directions in a block, M times them, and the block in terms of
-        them.
+        them and of the known vectors.
 
-        Directions that are not new are omitted. If the first pass leaves rounding
-        errors along the `known` share, further passes follow.
+        Directions that are not new are omitted. Components along the `near` vectors
+        are subtracted first, so that rounding errors in them do not stay.
         """
-        vectors, momenta_known = (
+        vectors, momenta = (
             x[:, : self._size] for x in (self._vectors, self._vector_momenta)
         )
-        size = 0.0
+        column = np.zeros((self._size, block.shape[1]))
         change = np.eye(block.shape[1])
+        column[near] = momenta[:, near].T @ block
+        block = block - _combined(vectors[:, near], column[near])
+        size = 0.0
         for _ in range(_MAX_PASSES):
+            known = momenta.T @ block
             block = block - _combined(vectors, known)
-            momenta = self._mass @ block
-            gram = block.T @ momenta
-            size = size or ((known**2).sum(axis=0) + np.diag(gram)).max()
+            column += known @ change
+            block_momenta = self._mass @ block
+            gram = block.T @ block_momenta
+            rest = ((known**2).sum(axis=0) + np.diag(gram)).max()
+            size = size or ((column**2).sum(axis=0) + np.diag(gram)).max()
             values, axes = np.linalg.eigh(gram)
             is_new = values > _NEW_DIRECTION_TOLERANCE * size
             scale = np.sqrt(values[is_new])
             axes = axes[:, is_new]
-            block, momenta = (x @ (axes / scale) for x in (block, momenta))
+            block, block_momenta = (x @ (axes / scale) for x in (block, block_momenta))
             change = (scale[:, None] * axes.T) @ change
             size = 1.0
-            known = momenta_known.T @ block
-            if not known.size or np.abs(known).max() < _ORTHOGONALITY_TOLERANCE:
+            lost = np.finfo(float).eps * rest
+            if not (lost > _ORTHOGONALITY_TOLERANCE * values[is_new]).any():
                 break
-        return block, momenta, change
+        return block, block_momenta, change, column
 
 
 def _combined(vectors: Array, mixing: Array) -> Array:

@@ -24,16 +24,16 @@ from ..eigensolvers.eigenpairs import (
     symmetric_factors,
 )
 from ..eigensolvers.factorisation import Factors
-from ..eigensolvers.lanczos import BLOCK_SIZE, RESIDUAL
+from ..eigensolvers.lanczos import ACCURATE, BLOCK_SIZE, Accuracy
 from ..eigensolvers.slepc import notify
 from ..elements.finite_element_model import FiniteElementModel
 from ..elements.mortar_ties import elimination_matrix
 from .body_frames import Frame, clamped_dofs, motion_rows
 
 _NO_MOTION = 1e-9
-#: Residual of modes that frequencies are compared with. Eigenvalues have errors of its
-#: square over their relative gap, far below 1e-6, the least error that is printed.
-_COMPARISON_RESIDUAL = 1e-5
+#: Of modes that frequencies are compared with: errors of frequencies are half of those
+#: of eigenvalues, and errors below 1e-8 are not printed.
+_COMPARISON = Accuracy(value_error=1e-8)
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +52,7 @@ class AdmissibleSpace:
     places : (n, d) position of each y, for the elimination order
     directions : (ndof,) directions of the degrees of freedom of the model
     factors : factors of the stiffness, shared with spaces with further constraints
-    residual : of modes, relative to their eigenvalues
+    accuracy : of modes
     """
 
     transform: sp.csr_matrix
@@ -65,13 +65,13 @@ class AdmissibleSpace:
     places: Array
     directions: Array
     factors: PinnedFactors
-    residual: float = RESIDUAL
+    accuracy: Accuracy = ACCURATE
 
     def for_comparison(self) -> AdmissibleSpace:
         """The same space for frequencies to compare with: modes that are not known yet
         are computed less exactly, in fewer solutions.
         """
-        return self if self._found else replace(self, residual=_COMPARISON_RESIDUAL)
+        return self if self._found else replace(self, accuracy=_COMPARISON)
 
     def loads(self, loads: Array) -> Array:
         """Loads (ndof, n) on the model as loads on y."""
@@ -164,7 +164,7 @@ class AdmissibleSpace:
             constraints=self.constraints,
             rigid=self.rigid,
             static=lambda load: self._static.solve(load),
-            residual=self.residual,
+            accuracy=replace(self.accuracy, next_is_distinct=not all_of_them),
         )
         values, vectors = values[skipped:], vectors[:, skipped:]
         groups = equal_frequencies(values, vectors, self.stiffness)

@@ -13,7 +13,7 @@ from scipy.spatial import Delaunay
 
 from sidtool.eigensolvers.eigenpairs import lowest_eigenpairs
 from sidtool.eigensolvers.factorisation import nested_dissection, symmetric_factors
-from sidtool.eigensolvers.lanczos import dominant_vectors
+from sidtool.eigensolvers.lanczos import Accuracy, dominant_vectors
 
 
 def grid(*sizes: int) -> tuple[sp.csr_matrix, np.ndarray]:
@@ -41,20 +41,34 @@ def exact(*sizes: int) -> np.ndarray:
     return np.sort(np.concatenate([total, 3 * total]))
 
 
-@pytest.mark.parametrize("residual", [1e-12, 1e-7])
+@pytest.mark.parametrize("value_error", [0.0, 1e-10, 1e-3])
 @pytest.mark.parametrize("sizes", [(30, 30), (12, 12, 12)])
 def test_equal_eigenvalues_are_all_found(
-    sizes: tuple[int, ...], residual: float
+    sizes: tuple[int, ...], value_error: float
 ) -> None:
-    """A square has pairs of equal eigenvalues, a cube triples. Errors of eigenvalues
-    are squares of residuals."""
+    """A square has pairs of equal eigenvalues, a cube triples."""
     matrix, places = grid(*sizes)
     mass = sp.csr_matrix(sp.eye_array(matrix.shape[0]))
     values, vectors = lowest_eigenpairs(
-        matrix, mass, 11, places=places, residual=residual
+        matrix, mass, 11, places=places, accuracy=Accuracy(value_error=value_error)
     )
-    assert_allclose(values, exact(*sizes)[:11], rtol=1e-10)
+    assert_allclose(values, exact(*sizes)[:11], rtol=value_error or 1e-12)
     assert_allclose(vectors.T @ vectors, np.eye(11), atol=1e-12)
+
+
+def test_one_pair_more_needs_no_accuracy() -> None:
+    """Of a cube, the 9th value differs from the 8th, and the 10th equals the 9th."""
+    matrix, places = grid(12, 12, 12)
+    mass = sp.csr_matrix(sp.eye_array(matrix.shape[0]))
+    errors = []
+    for count in (9, 10):
+        values, vectors = lowest_eigenpairs(
+            matrix, mass, count, places=places, accuracy=Accuracy(next_is_distinct=True)
+        )
+        rest = np.linalg.norm(matrix @ vectors - vectors * values, axis=0) / values
+        assert_allclose(rest[:-1], 0, atol=1e-11)
+        errors.append(rest[-1])
+    assert errors[0] > 1e-11 > errors[1]
 
 
 def test_an_exhausted_space_is_left() -> None:
