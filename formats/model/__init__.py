@@ -143,7 +143,7 @@ class ModelFile(File):
         default=None
     )
     diagnostics: Takes[Diagnostics, Diagnostics | Entries] = Field(
-        default=Diagnostics()
+        default=Diagnostics.model_construct()
     )
 
     @classmethod

@@ -3,10 +3,8 @@
 Shapes of rigid bodies, for pictures: they have no part in the motion.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from numpy.typing import ArrayLike
 from pydantic import (
@@ -31,7 +29,8 @@ class PlacedShape(Table):
     """A shape with its own frame in the body frame."""
 
     placement: Takes[Marker, Marker | Entries] = Field(
-        default=Marker(), description="its position and orientation in the body frame"
+        default=Marker.model_construct(),
+        description="its position and orientation in the body frame",
     )
 
 
@@ -178,7 +177,9 @@ class RigidBody(Table):
     markers: Takes[dict[str, Marker], Mapping[str, Marker | Entries]] = Field(
         default_factory=dict
     )
-    initial: Takes[Initial, Initial | Entries] = Field(default=Initial())
+    initial: Takes[Initial, Initial | Entries] = Field(
+        default=Initial.model_construct()
+    )
     shape: Takes[Shape | None, Shape | Entries | None] = Field(
         default=None,
         description="how pictures and exports show it; default lines "
@@ -210,7 +211,7 @@ class SidBody(Table):
         default_factory=dict, description="names for nodes of the SID"
     )
     initial: Takes[ElasticInitial, ElasticInitial | Entries] = Field(
-        default=ElasticInitial()
+        default=ElasticInitial.model_construct()
     )
     frame: Literal["free", "held"] = Field(
         default="free",
@@ -246,7 +247,7 @@ class SidBody(Table):
     )
 
     @model_validator(mode="after")
-    def _has_sid_or_model(self) -> SidBody:
+    def _has_sid_or_model(self) -> Self:
         if not self.sid and self.model is None:
             raise ValueError("the name of a SID file, or of a model file as `model`")
         return self

@@ -5,8 +5,6 @@ A new kind of joint is one class and one entry in `Joint`.
 Drives: prescribe a coordinate of a joint or marker by a function or a law.
 """
 
-from __future__ import annotations
-
 from typing import Annotated, ClassVar, Literal, get_args
 
 from numpy.typing import ArrayLike
@@ -86,14 +84,6 @@ class Drive(Table):
     def states(self) -> tuple[str, ...]:
         """Names of all states."""
         return (*states_of(self.function), *self.integrated)
-
-
-def driven_coordinate(drive: Drive, joints: dict[str, Joint]) -> str:
-    """The coordinate that a drive prescribes."""
-    if drive.coordinate is not None:
-        return drive.coordinate
-    assert drive.joint is not None
-    return joints[drive.joint].coordinates[0]
 
 
 class JointFriction(Table):
@@ -349,6 +339,14 @@ Joint = Annotated[
 COORDINATES = frozenset(
     name for kind in get_args(get_args(Joint)[0]) for name in kind.coordinates
 )
+
+
+def driven_coordinate(drive: Drive, joints: dict[str, Joint]) -> str:
+    """The coordinate that a drive prescribes."""
+    if drive.coordinate is not None:
+        return drive.coordinate
+    assert drive.joint is not None
+    return joints[drive.joint].coordinates[0]
 
 
 def marker_names(joint: Joint) -> tuple[str, ...]:

@@ -5,10 +5,8 @@ Events: instants at which a quantity crosses a value.
 Output times of a scene.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
-from typing import Annotated, ClassVar, Literal, Protocol
+from typing import Annotated, ClassVar, Literal, Protocol, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -87,7 +85,7 @@ class OutputTimes:
     InputError : there are too many, or the scene defines none.
     """
 
-    def __init__(self, scene: SceneTables) -> None:
+    def __init__(self, scene: "SceneTables") -> None:
         self._time = scene.time
         self._span = scene.time.end - scene.time.start
         self._count = len(scene.time.output_times or ())
@@ -123,7 +121,7 @@ class OutputTimes:
         return time.start + time.output_step * steps
 
 
-def output_times(scene: SceneTables) -> NDArray[np.float64]:
+def output_times(scene: "SceneTables") -> NDArray[np.float64]:
     """All of them, (nt,)."""
     return OutputTimes(scene)[:]
 
@@ -246,7 +244,7 @@ class Start(Table):
     )
 
     @model_validator(mode="after")
-    def _begins_somewhere(self) -> Start:
+    def _begins_somewhere(self) -> Self:
         if self.state == "result" and self.file is None and self.bodies is None:
             raise ValueError("the name of a result as `file`")
         if self.state != "result" and not (self.file is None is self.bodies):
@@ -296,9 +294,11 @@ class SceneTables(File):
     time: Takes[Time, Time | Entries] = Field(
         description="the table [time] with start, end, output_step"
     )
-    accuracy: Takes[Accuracy, Accuracy | Entries] = Field(default=Accuracy())
-    initial: Takes[Start, Start | Entries] = Field(default=Start())
-    ground: Takes[Ground, Ground | Entries] = Field(default=Ground())
+    accuracy: Takes[Accuracy, Accuracy | Entries] = Field(
+        default=Accuracy.model_construct()
+    )
+    initial: Takes[Start, Start | Entries] = Field(default=Start.model_construct())
+    ground: Takes[Ground, Ground | Entries] = Field(default=Ground.model_construct())
     bodies: Takes[dict[str, Body], Mapping[str, Body | Entries]] = Field(
         min_length=1, description="at least one body"
     )
@@ -320,9 +320,11 @@ class SceneTables(File):
     events: Takes[dict[str, Event], Mapping[str, Event | Entries]] = Field(
         default_factory=dict
     )
-    outputs: Takes[Outputs, Outputs | Entries] = Field(default=Outputs())
+    outputs: Takes[Outputs, Outputs | Entries] = Field(
+        default=Outputs.model_construct()
+    )
     diagnostics: Takes[Diagnostics, Diagnostics | Entries] = Field(
-        default=Diagnostics()
+        default=Diagnostics.model_construct()
     )
 
     @property
