@@ -3,7 +3,6 @@
 All raise `InputError` with the key of the value.
 """
 
-import difflib
 from collections.abc import Iterable, Mapping
 from typing import NoReturn
 
@@ -113,8 +112,10 @@ def expected_names(name: str, known: Iterable[str], what: str) -> str:
     """Return the expectation instead of an unknown name: the nearest one, or
     the list.
     """
+    from difflib import get_close_matches
+
     names = list(known)
-    near = difflib.get_close_matches(name, names, n=1)
+    near = get_close_matches(name, names, n=1)
     if near:
         return f"an existing {what}, perhaps {near[0]}"
     listed = ", ".join(names[:8]) + (", ..." if len(names) > 8 else "")

@@ -1,6 +1,5 @@
 """Convert the list of errors of pydantic to the one message that a person needs."""
 
-import difflib
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Literal, get_args, get_origin
 
@@ -210,7 +209,9 @@ def _known_keys(model: type[BaseModel], location: Location) -> list[str]:
 
 
 def nearest_key(key: str, known: list[str]) -> str | None:
-    near = difflib.get_close_matches(key, known, n=1, cutoff=0.6)
+    from difflib import get_close_matches
+
+    near = get_close_matches(key, known, n=1, cutoff=0.6)
     return near[0] if near else f"one of {', '.join(dict.fromkeys(known))}"
 
 
