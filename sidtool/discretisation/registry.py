@@ -1,40 +1,39 @@
 """Discretisations by the `geometry.type` and `discretisation.type` of a model file."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib import import_module
 
 import numpy as np
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.model import ModelFile
 
-from ..beams.beam_model import beam_model
 from ..elements.finite_element_model import FiniteElementModel
 from ..elements.markers import markers_as_nodes
-from ..isogeometric.multipatch_iga import iga_model, patches_model
-from ..isogeometric.sampled_patch import q4_model, sampled_volume_model
 from .body_cuts import add_cuts
-from .frame_body import frame_model
 from .marker_couplings import add_couplings, add_rigid_couplings
-from .matrices_body import imported_matrices_model
-from .mesh_body import imported_mesh_model
 
-Discretiser = Callable[[ModelFile], FiniteElementModel]
-
-#: Discretisations by geometry and discretisation type; one line adds one.
-DISCRETISERS: dict[tuple[str, str], Discretiser] = {
-    ("nurbs", "q4"): q4_model,
-    ("nurbs", "iga"): iga_model,
-    ("nurbs_volume", "iga"): iga_model,
-    ("nurbs_volume", "hex8"): sampled_volume_model,
-    ("nurbs_volume", "hex20"): sampled_volume_model,
-    ("nurbs_volume", "tet4"): sampled_volume_model,
-    ("nurbs_volume", "tet10"): sampled_volume_model,
-    ("patches", "iga"): patches_model,
-    ("beam", "beam"): beam_model,
-    ("frame", "beam"): frame_model,
-    ("mesh", "mesh"): imported_mesh_model,
-    ("matrices", "matrices"): imported_matrices_model,
+_PATCHES = "sidtool.isogeometric.multipatch_iga"
+_SAMPLED = "sidtool.isogeometric.sampled_patch"
+#: Modules and functions by geometry and discretisation type; one line adds one. The
+#: importers of meshes take as long to import as a small body takes to convert.
+DISCRETISERS = {
+    ("nurbs", "q4"): (_SAMPLED, "q4_model"),
+    ("nurbs", "iga"): (_PATCHES, "iga_model"),
+    ("nurbs_volume", "iga"): (_PATCHES, "iga_model"),
+    ("nurbs_volume", "hex8"): (_SAMPLED, "sampled_volume_model"),
+    ("nurbs_volume", "hex20"): (_SAMPLED, "sampled_volume_model"),
+    ("nurbs_volume", "tet4"): (_SAMPLED, "sampled_volume_model"),
+    ("nurbs_volume", "tet10"): (_SAMPLED, "sampled_volume_model"),
+    ("patches", "iga"): (_PATCHES, "patches_model"),
+    ("beam", "beam"): ("sidtool.beams.beam_model", "beam_model"),
+    ("frame", "beam"): ("sidtool.discretisation.frame_body", "frame_model"),
+    ("mesh", "mesh"): ("sidtool.discretisation.mesh_body", "imported_mesh_model"),
+    ("matrices", "matrices"): (
+        "sidtool.discretisation.matrices_body",
+        "imported_matrices_model",
+    ),
 }
 
 
@@ -45,8 +44,10 @@ def finite_element_model(model: ModelFile) -> FiniteElementModel:
     ------
     InputError : the model is not valid; the error names the key.
     """
+    module, name = DISCRETISERS[model.geometry.type, model.discretisation.type]
+    discretise = getattr(import_module(module), name)
     with refuse_extreme_numbers():
-        body = DISCRETISERS[model.geometry.type, model.discretisation.type](model)
+        body = discretise(model)
         tied = add_rigid_couplings(add_couplings(body), model)
         return add_cuts(markers_as_nodes(tied, model), model)
 

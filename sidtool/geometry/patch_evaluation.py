@@ -4,7 +4,7 @@ Volume and centre follow from the surface by the divergence theorem. The rule is
 independent of the quadrature of the elements, to check that one.
 """
 
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -24,6 +24,8 @@ from .nurbs_patch import (
 )
 
 _GRID = 33
+#: Pairs of points and targets of which all are compared.
+_FEW_PAIRS = 30_000
 _ITERATIONS = 50
 #: Distance to the patch, relative to its size, that still counts as on it.
 _TOLERANCE = 1e-9
@@ -58,11 +60,9 @@ def may_be_inside(patch: NurbsPatch, points: Array) -> NDArray[np.bool_]:
     What is inside is at most half a cell from a point of the grid; a whole one is
     allowed for, as cells of curved patches are not even.
     """
-    from scipy.spatial import cKDTree
-
     axes = tuple(np.linspace(0, 1, _GRID) for _ in patch.degrees)
     grid = evaluate_grid(patch, axes)
-    distances, _ = cKDTree(grid.reshape(-1, grid.shape[-1])).query(points)
+    distances, _ = _NearestPoints(grid.reshape(-1, grid.shape[-1])).query(points)
     return np.asarray(distances <= _cell_size(grid))
 
 
@@ -95,8 +95,8 @@ def nearest_parameters(
     """
     count = len(patch.degrees)
     free = np.array([i for i in range(count) if side is None or i != side[0]])
-    starts, tree, cell = _coarse_grid(patch, side)
-    distances, numbers = tree.query(targets)
+    starts, grid, cell = _coarse_grid(patch, side)
+    distances, numbers = grid.query(targets)
     parameters = starts[numbers]
     # no point of the patch is farther from the grid than a cell
     moving = np.flatnonzero(distances <= reach + cell)
@@ -115,21 +115,44 @@ def nearest_parameters(
     return parameters, evaluate_points(patch, parameters)
 
 
+class _NearestPoints:
+    """Search for the nearest one of points (m, d).
+
+    Few pairs are compared all: the import of `scipy.spatial` takes 50 ms.
+    """
+
+    def __init__(self, points: Array) -> None:
+        self._points = points
+
+    def query(self, targets: Array) -> tuple[Array, NDArray[np.int64]]:
+        """Distances to the nearest points, and their numbers, for targets (n, d)."""
+        if len(self._points) * len(targets) > _FEW_PAIRS:
+            distances, numbers = self._tree.query(targets)
+            return distances, numbers
+        gaps = np.linalg.norm(targets[:, None] - self._points, axis=-1)
+        return gaps.min(axis=1), gaps.argmin(axis=1)
+
+    @cached_property
+    def _tree(self) -> Any:
+        from scipy.spatial import cKDTree
+
+        return cKDTree(self._points)
+
+
 @lru_cache(maxsize=8)
 def _coarse_grid(
     patch: NurbsPatch, side: tuple[int, int] | None
-) -> tuple[Array, Any, float]:
-    """Parameters (m, k) of a coarse grid of a patch or a side, a tree of its points and
-    the size of a cell. The sides of a patch are compared in pairs.
+) -> tuple[Array, _NearestPoints, float]:
+    """Parameters (m, k) of a coarse grid of a patch or a side, its points and the size
+    of a cell. The sides of a patch are compared in pairs.
     """
-    from scipy.spatial import cKDTree
-
     axes = [np.linspace(0, 1, _GRID) for _ in patch.degrees]
     if side is not None:
         axes[side[0]] = np.array([float(side[1])])
     grid = evaluate_grid(patch, tuple(axes))
     starts = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, len(axes))
-    return starts, cKDTree(grid.reshape(-1, grid.shape[-1])), _cell_size(grid)
+    points = _NearestPoints(grid.reshape(-1, grid.shape[-1]))
+    return starts, points, _cell_size(grid)
 
 
 def map_grid(
