@@ -115,7 +115,7 @@ def lowest_eigenpairs(
     mass: sp.csr_matrix,
     count: int,
     *,
-    shift: float = 0.0,
+    shift: float | Callable[[], float] = 0.0,
     constraints: Array | None = None,
     rigid: Array | None = None,
     places: Array | None = None,
@@ -131,7 +131,8 @@ def lowest_eigenpairs(
     Parameters
     ----------
     stiffness, mass : (n, n); mass positive definite, stiffness semidefinite
-    shift : negative for a singular stiffness, see `free_body_shift` [1/s^2]
+    shift : negative for a singular stiffness, see `free_body_shift` [1/s^2]; a function
+        is called only if the shift is needed
     constraints : (k, n) independent conditions ``constraints @ v = 0``
     rigid : (n, r) known vectors of the eigenvalue 0 that meet the constraints
     places : (n, d) position of each unknown, see `symmetric_factors`
@@ -158,8 +159,13 @@ def lowest_eigenpairs(
             expected=f"at most {n - len(rows)}",
         )
     dense = n <= _DENSE_SIZE or count > n // 3
+    value_of_shift = 0.0
+    if not callable(shift):
+        value_of_shift = shift
+    elif static is None or dense or engine_name() == "slepc":
+        value_of_shift = shift()
     try:
-        pencil = Pencil(stiffness, mass, shift, rows, known)
+        pencil = Pencil(stiffness, mass, value_of_shift, rows, known)
         space = (
             _dense_space(pencil, count)
             if dense

@@ -83,6 +83,9 @@ class PardisoFactors:
         weakref.finalize(self, _release, self._function, *state).atexit = False
         nothing = np.zeros(0)
         call_interruptibly(lambda: self._call(_FACTORISE, nothing, nothing))
+        # solutions without refinement read the factors only
+        _, starts, columns = self._matrix
+        self._matrix = np.zeros(1), starts, columns[:1].copy()
 
     def solve(self, load: Array) -> Array:
         if not load.size:  # which PARDISO calls an inconsistent input
@@ -120,13 +123,17 @@ def _upper_triangle(matrix: sp.csr_matrix) -> tuple[_Numbers, _Numbers, _Numbers
     """
     if not (matrix.diagonal() > 0).all():
         raise RuntimeError("the matrix is not positive definite")
-    if not matrix.has_sorted_indices:
-        matrix = matrix.sorted_indices()
-    upper = sp.triu(matrix, format="csr")
-    starts, columns = (
-        x.astype(np.int32, copy=False) for x in (upper.indptr, upper.indices)
+    if not matrix.has_canonical_format:
+        matrix = matrix.copy()
+        matrix.sum_duplicates()
+    rows = np.repeat(
+        np.arange(matrix.shape[0], dtype=matrix.indices.dtype), np.diff(matrix.indptr)
     )
-    return upper.data, starts, columns
+    is_upper = matrix.indices >= rows
+    lengths = matrix.indptr[1:] - np.flatnonzero(matrix.indices == rows)
+    starts = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int32)
+    columns = matrix.indices[is_upper].astype(np.int32, copy=False)
+    return matrix.data[is_upper], starts, columns
 
 
 def _call_library(

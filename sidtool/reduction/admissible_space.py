@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
@@ -48,7 +49,8 @@ class AdmissibleSpace:
     rigid : (n, r) the rigid motions that are admissible
     constrained_rigid_motions : (n, s) the rigid motions that only the constraints
         prevent
-    shift : a negative number below which K - shift M is positive definite [1/s^2]
+    shift : function that returns a negative number below which K - shift M is positive
+        definite [1/s^2]
     places : (n, d) position of each y, for the elimination order
     directions : (ndof,) directions of the degrees of freedom of the model
     factors : factors of the stiffness, shared with spaces with further constraints
@@ -61,7 +63,7 @@ class AdmissibleSpace:
     constraints: Array
     rigid: Array
     constrained_rigid_motions: Array
-    shift: float
+    shift: Callable[[], float]
     places: Array
     directions: Array
     factors: PinnedFactors
@@ -156,16 +158,20 @@ class AdmissibleSpace:
         combined with modes that are not known.
         """
         skipped = self.rigid.shape[1]
-        values, vectors = lowest_eigenpairs(
-            self.stiffness,
-            self.mass,
-            count + skipped,
-            shift=self.shift if skipped or len(self.constraints) else 0.0,
-            constraints=self.constraints,
-            rigid=self.rigid,
-            static=lambda load: self._static.solve(load),
-            accuracy=replace(self.accuracy, next_is_distinct=not all_of_them),
-        )
+        try:
+            values, vectors = lowest_eigenpairs(
+                self.stiffness,
+                self.mass,
+                count + skipped,
+                shift=self.shift if skipped or len(self.constraints) else 0.0,
+                constraints=self.constraints,
+                rigid=self.rigid,
+                static=lambda load: self._static.solve(load),
+                accuracy=replace(self.accuracy, next_is_distinct=not all_of_them),
+            )
+        except InputError:
+            self.shift()  # its error may name the cause
+            raise
         values, vectors = values[skipped:], vectors[:, skipped:]
         groups = equal_frequencies(values, vectors, self.stiffness)
         shapes = self.displacements(vectors)
@@ -284,9 +290,13 @@ def space_without_conditions(
     """
     parts = reduced_matrices(model, held, frame)
     places = model.coordinate_positions(parts["transform"])
-    shift = free_body_shift(
-        model.stiffness, model.mass, model.positions, model.place_table
-    )
+
+    @cache
+    def shift() -> float:
+        return free_body_shift(
+            model.stiffness, model.mass, model.positions, model.place_table
+        )
+
     factors = PinnedFactors(parts["stiffness"], parts["rigid"], places)
     return AdmissibleSpace(**parts, shift=shift, places=places, factors=factors)
 
