@@ -160,7 +160,7 @@ def _reduced(solids: SolidMesh, modes: int) -> np.ndarray | None:
     mesh, ends = solids.mesh, np.array([0.5 - 12**-0.5, 0.5 + 12**-0.5])
     n, d = mesh.positions.shape
     points = np.array(list(product(ends, repeat=d)))
-    stiffness, mass = MatrixSum(n, d), MatrixSum(n, 1)
+    sums = MatrixSum(n, d, 1)
     for block in mesh.blocks:
         values, slopes = reference_element(block.kind).at(points)
         weights, material = np.full(len(points), 2.0**-d), solids.materials
@@ -169,9 +169,10 @@ def _reduced(solids: SolidMesh, modes: int) -> np.ndarray | None:
         )
         own, depth = material[block.material], block.thickness or solids.thickness
         law = elasticity(own, solids.state) * depth
-        stiffness.add(element_stiffness(batch, law), block.nodes)
-        mass.add(element_mass(batch, own.density * depth), block.nodes)
-    k, m = stiffness.total(), mass.total()
+        density = own.density * depth
+        matrices = element_stiffness(batch, law), element_mass(batch, density)
+        sums.add(block.nodes, *matrices)
+    k, m = sums.total()
     if k.shape[0] > _DENSE:
         return None
     whole = np.kron(m.toarray(), np.eye(d))

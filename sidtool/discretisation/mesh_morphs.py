@@ -152,8 +152,8 @@ def _laplacian(mesh: Mesh) -> sp.csr_matrix:
         for batch in element_batches(mesh, block):
             slopes = batch.gradients
             products = np.einsum("eg,egid,egjd->eij", batch.measures, slopes, slopes)
-            total.add(products, batch.nodes)
-    return total.total()
+            total.add(batch.nodes, products)
+    return total.total()[0]
 
 
 def _check_parts(

@@ -257,7 +257,7 @@ def part_beyond(
                 group, batch, positions, plane, chosen, section
             )
             nodes, m = batch.nodes[which], batch.nodes.shape[1]
-            mass.add(np.ascontiguousarray(masses[:, :m, :m]), nodes)
+            mass.add(nodes, np.ascontiguousarray(masses[:, :m, :m]))
             k = masses.shape[1] - m
             if k:
                 inner = start + which[:, None] * k + np.arange(k)
@@ -271,7 +271,8 @@ def part_beyond(
         square = follow.T @ sp.kron(own, axes) @ follow
         added = sp.csr_matrix(coupled + coupled.T + square)
         inner_part = InternalInertia(follow, mixed, own, added)
-    return PartBeyond(mass.total(), inner_part, section.total())
+    (beyond,), (at_section,) = mass.total(), section.total()
+    return PartBeyond(beyond, inner_part, at_section)
 
 
 def _batch_beyond(
@@ -297,7 +298,7 @@ def _batch_beyond(
         functions = group.functions(batch.nodes[i])
         cut = _Cut(functions, positions[batch.nodes[i]], plane, group)
         if cut.meets:
-            section.add(cut.section()[None], batch.nodes[i][None])
+            section.add(batch.nodes[i][None], cut.section()[None])
         if cut.reaches_beyond and not whole[i]:
             masses.append(cut.mass()[None])
             rows.append(np.array([i]))

@@ -34,6 +34,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from functools import cache
 from itertools import permutations
 
 import numpy as np
@@ -66,8 +67,8 @@ KINDS_WITH_INCOMPATIBLE_MODES = ("quad4", "hex8")
 KINDS_ALWAYS_INCOMPATIBLE = ("wedge6",)
 Indices = NDArray[np.int64]
 NodeNumbers = NDArray[np.int32]
-#: Entries of element matrices that are scattered into a sparse matrix at a time.
-_ENTRIES_PER_BATCH = 2_000_000
+#: Entries of element matrices that are added up at a time.
+_ENTRIES_PER_BATCH = 4_000_000
 
 
 def extrapolation(kind: str, where: Array, *, relieved: bool) -> Array | None:
@@ -109,27 +110,42 @@ def _linear_fields(kind: str, points: Array) -> Array:
     return (flat[:, :3, None] * heights[:, None, :]).reshape(len(points), -1)
 
 
-def with_reduced_integration(
-    batch: ElementBatch, positions: Array, element: ReferenceElement
+def has_reduced_integration(kind: str) -> bool:
+    """Return whether elements of this kind lock less with fewer points."""
+    return kind in _REDUCED_RULES
+
+
+def reduced_batch(
+    nodes: Indices, positions: Array, element: ReferenceElement
 ) -> ElementBatch:
-    """Return a batch with reduced integration, for elements that lock less with it."""
-    kind = element.name
-    if kind not in _REDUCED_RULES:
-        return batch
-    points, weights = _REDUCED_RULES[kind]
-    values, gradients = reference_element(kind).at(points)
-    few = mapped_batch(batch.nodes, positions, values[None], gradients[None], weights)
-    volume = batch.measures.sum(axis=1)
+    """Return a batch with reduced integration, of elements (ne, m)."""
+    points, weights = _REDUCED_RULES[element.name]
+    values, gradients = element.at(points)
+    few = mapped_batch(nodes, positions, values[None], gradients[None], weights)
+    volume, missing = _gradient_integrals(nodes, positions, element)
     measures = few.measures * (volume / few.measures.sum(axis=1))[:, None]
-    missing = _gradient_integrals(batch.measures, batch.gradients)
-    missing -= _gradient_integrals(measures, few.gradients)
+    missing -= np.einsum("eg,egmd->emd", measures, few.gradients)
     shift = missing / volume[:, None, None]
     return replace(few, gradients=few.gradients + shift[:, None], measures=measures)
 
 
-def _gradient_integrals(measures: Array, gradients: Array) -> Array:
-    """(ne, m, d) of the gradients over each element."""
-    return np.asarray(np.einsum("eg,egmd->emd", measures, gradients))
+def _gradient_integrals(
+    nodes: Indices, positions: Array, element: ReferenceElement
+) -> tuple[Array, Array]:
+    """(ne,) volumes, and (ne, m, d) integrals of the gradients over each element.
+
+    The measure times the inverse Jacobian matrix is the adjugate.
+    """
+    corners = positions[nodes]
+    jacobians = _jacobian_columns(corners, element.gradients[None])
+    determinants = _determinants(jacobians)
+    check_orientation(determinants, corners)
+    adjugates = _adjugates(jacobians)
+    d, _, ne, ng = adjugates.shape
+    weighted = np.moveaxis(element.gradients * element.weights[:, None, None], 2, 0)
+    parts = product_with_step(adjugates.reshape(d, d * ne, ng), weighted)
+    integrals = parts.sum(axis=0).reshape(d, ne, -1)
+    return determinants @ element.weights, np.moveaxis(integrals, 0, 2)
 
 
 def with_incompatible_modes(
@@ -285,12 +301,15 @@ def mapped_batch(
     InputError : the map folds somewhere.
     """
     corners = positions[nodes]
-    jacobians = product_with_step(np.swapaxes(corners, 1, 2)[:, None], gradients)
+    jacobians = _jacobian_columns(corners, gradients)
     determinants = _determinants(jacobians)
     check_orientation(determinants, corners)
     slopes = np.zeros((len(nodes), 0, *gradients.shape[2:]))
     if with_gradients:
-        slopes = product_with_step(gradients, _inverses(jacobians, determinants))
+        inverses = _adjugates(jacobians) / determinants
+        slopes = product_with_step(
+            gradients, np.ascontiguousarray(np.moveaxis(inverses, (0, 1), (2, 3)))
+        )
     return ElementBatch(
         nodes=nodes,
         values=values,
@@ -299,12 +318,32 @@ def mapped_batch(
     )
 
 
-def _determinants(matrices: Array) -> Array:
-    """Return determinants of (..., d, d), without LAPACK, which is slow for
-    small ones.
+def _jacobian_columns(corners: Array, gradients: Array) -> Array:
+    """(d, d, ne, ng) derivatives of x_a by the reference coordinates xi_k, [k, a].
+
+    Every component is contiguous, for the many small determinants and inverses.
+    Positions relative to a node lose no digits far from the origin.
+
+    Parameters
+    ----------
+    corners : (ne, m, d)
+    gradients : (ne or 1, ng, m, d)
     """
-    columns = np.moveaxis(matrices, (-2, -1), (1, 0))
-    if matrices.shape[-1] == 2:
+    ne, m, d = corners.shape
+    corners = corners - corners[:, :1]
+    if len(gradients) == 1:
+        by_axis = np.ascontiguousarray(np.moveaxis(corners, 2, 0)).reshape(d * ne, m)
+        functions = np.ascontiguousarray(np.moveaxis(gradients[0], (2, 1), (0, 1)))
+        return product_with_step(by_axis, functions).reshape(d, d, ne, -1)
+    jacobians = product_with_step(np.swapaxes(corners, 1, 2)[:, None], gradients)
+    return np.ascontiguousarray(np.moveaxis(jacobians, (3, 2), (0, 1)))
+
+
+def _determinants(columns: Array) -> Array:
+    """Return determinants (...) of matrices by their columns (d, d, ...), without
+    LAPACK, which is slow for small ones.
+    """
+    if len(columns) == 2:
         (a, c), (b, d) = columns
         return np.asarray(a * d - b * c)
     first, second, third = columns
@@ -313,21 +352,13 @@ def _determinants(matrices: Array) -> Array:
     )
 
 
-def _inverses(matrices: Array, determinants: Array) -> Array:
-    """Return inverses of (..., d, d) with these determinants."""
-    adjugate = np.empty_like(matrices)
-    if matrices.shape[-1] == 2:
-        adjugate[..., 0, 0] = matrices[..., 1, 1]
-        adjugate[..., 1, 1] = matrices[..., 0, 0]
-        adjugate[..., 0, 1] = -matrices[..., 0, 1]
-        adjugate[..., 1, 0] = -matrices[..., 1, 0]
-    else:
-        columns = np.moveaxis(matrices, (-2, -1), (1, 0))
-        for row in range(3):
-            pair = columns[(row + 1) % 3], columns[(row + 2) % 3]
-            for k, entry in enumerate(_cross_product(*pair)):
-                adjugate[..., row, k] = entry
-    return adjugate / determinants[..., None, None]
+def _adjugates(columns: Array) -> Array:
+    """Return inverses times determinants by their rows (d, d, ...), from columns."""
+    if len(columns) == 2:
+        (a, c), (b, d) = columns
+        return np.array([[d, -b], [-c, a]])
+    pairs = [(columns[(row + 1) % 3], columns[(row + 2) % 3]) for row in range(3)]
+    return np.array([_cross_product(*pair) for pair in pairs])
 
 
 def _cross_product(a: Array, b: Array) -> tuple[Array, Array, Array]:
@@ -463,22 +494,56 @@ def _with_internal(batch: ElementBatch, law: Array) -> tuple[Array, Array]:
 
 
 def _stiffness(batch: ElementBatch, gradients: Array, law: Array) -> Array:
-    """Sum over points of C_iajb dN_m/dx_a dN_n/dx_b, by (m, i) and (n, j).
-
-    The products of gradients are summed before the law acts on them, which is a sixth
-    of the work of B^T D B in space.
-    """
+    """(ne, d m, d m) integral of B^T D B with these gradients (ne, ng, m, d)."""
     if batch.laws is not None:
         strains = strain_matrix(gradients)
         stresses = (batch.laws * batch.measures[..., None, None]) @ strains
         return np.asarray((np.swapaxes(strains, 2, 3) @ stresses).sum(axis=1))
+    blocks = _stiffness_by_pair(batch.measures, gradients, law)
+    m, d = gradients.shape[2:]
+    _, places = _pair_entries(m, d)
+    full = blocks.reshape(len(blocks), -1)[:, places]
+    return np.asarray(full.reshape(-1, m * d, m * d))
+
+
+def _stiffness_by_pair(measures: Array, gradients: Array, law: Array) -> Array:
+    """(ne, pairs, d d) sum over points of C_iajb dN_m/dx_a dN_n/dx_b, by (i, j), for
+    the pairs of functions m <= n.
+
+    The products of gradients are summed before the law acts on them, which is a sixth
+    of the work of B^T D B in space.
+    """
     ne, ng, m, d = gradients.shape
     flat = gradients.reshape(ne, ng, m * d)
-    sums = weighted_squares(flat, batch.measures)
-    by_pair = sums.reshape(ne, m, d, m, d).swapaxes(2, 3).reshape(-1, d * d)
-    products = product_with_step(by_pair, _elasticity_tensor(law, d))
-    blocks = products.reshape(ne, m, m, d, d)
-    return np.ascontiguousarray(blocks.swapaxes(2, 3)).reshape(ne, m * d, m * d)
+    sums = pairs_of_functions(weighted_squares(flat, measures), d)
+    products = product_with_step(sums.reshape(-1, d * d), _elasticity_tensor(law, d))
+    return products.reshape(ne, -1, d * d)
+
+
+def pairs_of_functions(matrices: Array, d: int) -> Array:
+    """(ne, pairs, d d) blocks of symmetric element matrices (ne, d m, d m), for the
+    pairs of functions m <= n."""
+    ne, size, _ = matrices.shape
+    entries, _ = _pair_entries(size // d, d)
+    blocks = np.take(matrices.reshape(ne, size**2), entries, axis=1)
+    return np.asarray(blocks.reshape(ne, entries.size // d**2, d * d))
+
+
+@cache
+def _pair_entries(m: int, d: int) -> tuple[Indices, Indices]:
+    """Numbers of entries: those of the blocks (pairs d d,) in a matrix (d m d m,), and
+    those of the matrix in the blocks, of which it is made by symmetry.
+    """
+    first, second = np.triu_indices(m)
+    axes = np.arange(d)
+    rows = first[:, None, None] * d + axes[:, None]
+    columns = second[:, None, None] * d + axes
+    entries = (rows * (d * m) + columns).ravel()
+    places = np.zeros((d * m, d * m), np.int64)
+    numbers = np.arange(entries.size).reshape(rows.shape[0], d, d)
+    places[columns, rows] = numbers
+    places[rows, columns] = numbers
+    return entries, places.ravel()
 
 
 def _elasticity_tensor(law: Array, d: int) -> Array:
@@ -492,8 +557,21 @@ def _elasticity_tensor(law: Array, d: int) -> Array:
 
 def element_mass(batch: ElementBatch, density: float) -> Array:
     """(ne, m, m) integral of density N_i N_j."""
-    values = np.ascontiguousarray(batch.values)  # BLAS needs contiguous arrays
-    return weighted_squares(values, batch.measures * density)
+    m = batch.values.shape[2]
+    _, places = _pair_entries(m, 1)
+    by_pair = _mass_by_pair(batch, density)[..., 0]
+    return np.asarray(by_pair[:, places].reshape(-1, m, m))
+
+
+def _mass_by_pair(batch: ElementBatch, density: float) -> Array:
+    """(ne, pairs, 1) integral of density N_i N_j for i <= j."""
+    measures = batch.measures * density
+    if len(batch.values) != 1:
+        values = np.ascontiguousarray(batch.values)  # BLAS needs contiguous arrays
+        return pairs_of_functions(weighted_squares(values, measures), 1)
+    first, second = np.triu_indices(batch.values.shape[2])
+    products = batch.values[0][:, first] * batch.values[0][:, second]
+    return product_with_step(measures, products)[..., None]
 
 
 def assemble_body(
@@ -503,7 +581,6 @@ def assemble_body(
     density: float,
     law: Array,
     dimension: int = 2,
-    mass_batches: Iterable[ElementBatch] | None = None,
     amplitudes: list[Array] | None = None,
 ) -> tuple[sp.csr_matrix, sp.csr_matrix]:
     """Scalar mass (n, n) and stiffness (d n, d n) of a body.
@@ -514,88 +591,181 @@ def assemble_body(
     density : mass per volume [kg/m^3], of a plane body per area [kg/m^2]
     law : elasticity matrix [Pa], of a plane body times thickness [N/m]
     dimension : d
-    mass_batches : the same elements at the quadrature points of the mass, if they
-        differ
     amplitudes : list to which those of internal modes are added
     """
-    d = dimension
-    masses, stiffnesses = MatrixSum(count, 1), MatrixSum(count, d)
-    for batch in batches:
-        if mass_batches is None:
-            masses.add(element_mass(batch, density), batch.nodes)
-        stiffnesses.add(element_stiffness(batch, law, amplitudes), batch.nodes)
-    for batch in mass_batches or ():
-        masses.add(element_mass(batch, density), batch.nodes)
-    return masses.total(), stiffnesses.total()
+    sums = MatrixSum(count, 1, dimension)
+    pairs = ((batch, batch) for batch in batches)
+    add_elements(sums, pairs, density=density, law=law, amplitudes=amplitudes)
+    mass, stiffness = sums.total()
+    return mass, stiffness
+
+
+def add_elements(
+    sums: MatrixSum,
+    batches: Iterable[tuple[ElementBatch, ElementBatch]],
+    *,
+    density: float,
+    law: Array,
+    amplitudes: list[Array] | None = None,
+) -> None:
+    """Add elements to the sums of mass and stiffness; see `assemble_body`.
+
+    Parameters
+    ----------
+    batches : the same elements at the points of the stiffness and of the mass
+    """
+    for batch, at_mass in batches:
+        mass = _mass_by_pair(at_mass, density)
+        if batch.internal is None and batch.laws is None:
+            stiffness = _stiffness_by_pair(batch.measures, batch.gradients, law)
+        else:
+            full, d = element_stiffness(batch, law, amplitudes), sums.sizes[1]
+            stiffness = pairs_of_functions(full, d)
+        sums.add_pairs(batch.nodes, mass, stiffness)
 
 
 class MatrixSum:
-    """Element matrices added up in a sparse one, in blocks (d, d) by pairs of nodes.
+    """Symmetric element matrices added up in sparse ones, in blocks (d, d) by pairs of
+    nodes.
 
-    Batches are small, so that they stay in the cache, and are scattered together;
-    sparse matrices are added in pairs of like size, so that none is copied often.
+    Matrices with the same nodes, such as mass and stiffness, share the search for equal
+    pairs. Only one of the two orders of a pair is added up. Elements wait until they
+    are many, and are added up together.
+
+    Parameters
+    ----------
+    count : number of nodes n
+    sizes : d of every matrix
     """
 
-    def __init__(self, count: int, d: int) -> None:
-        self._count, self._d = count, d
-        self._waiting: list[tuple[Array, NodeNumbers, NodeNumbers]] = []
+    def __init__(self, count: int, *sizes: int) -> None:
+        self.sizes, self._count = sizes, count
+        self._waiting: list[_Pairs] = []
         self._entries = 0
-        self._parts: list[tuple[int, sp.bsr_matrix]] = []
+        self._parts: list[_Pairs] = []
 
-    def add(self, matrices: Array, nodes: Indices) -> None:
-        """Element matrices (ne, d m, d m) at their nodes (ne, m)."""
-        (ne, m), d = nodes.shape, self._d
-        blocks = matrices.reshape(ne, m, d, m, d).swapaxes(2, 3).reshape(-1, d * d)
-        numbers = nodes.astype(np.int32)
-        rows, columns = (
-            np.broadcast_to(x, (ne, m, m)).ravel()
-            for x in (numbers[:, :, None], numbers[:, None, :])
-        )
-        self._waiting.append((blocks, rows, columns))
-        self._entries += matrices.size
-        if self._entries > _ENTRIES_PER_BATCH:
-            self._scatter()
+    def add(self, nodes: Indices, *matrices: Array) -> None:
+        """Element matrices (ne, d m, d m) for every d at their nodes (ne, m)."""
+        pairs = zip(matrices, self.sizes, strict=True)
+        self.add_pairs(nodes, *(pairs_of_functions(each, d) for each, d in pairs))
 
-    def total(self) -> sp.csr_matrix:
-        self._scatter()
-        if not self._parts:
-            return sp.csr_matrix((self._d * self._count,) * 2)
-        _, result = self._parts.pop()
-        while self._parts:
-            result = result + self._parts.pop()[1]
-        return sp.csr_matrix(result)
-
-    def _scatter(self) -> None:
-        if not self._waiting:
+    def add_pairs(self, nodes: Indices, *blocks: Array) -> None:
+        """Their blocks (ne, pairs, d d) as from `pairs_of_functions`."""
+        if not len(nodes):
             return
-        blocks, rows, columns = map(np.concatenate, zip(*self._waiting, strict=True))
-        self._waiting, self._entries = [], 0
-        part, rank = _sum_blocks(blocks, rows, columns, self._count, self._d), 0
-        while self._parts and self._parts[-1][0] == rank:
-            part = self._parts.pop()[1] + part
-            rank += 1
-        self._parts.append((rank, part))
+        first, second = np.triu_indices(nodes.shape[1])
+        rows, columns = (nodes.astype(np.int32)[:, x].ravel() for x in (first, second))
+        flat = [each.reshape(len(rows), -1) for each in blocks]
+        self._waiting.append(_Pairs(rows, columns, flat))
+        self._entries += sum(each.size for each in flat)
+        is_apart = np.tile(first != second, len(nodes))
+        twice = np.flatnonzero((rows == columns) & is_apart)
+        if twice.size:  # a node of a collapsed element: both orders are one pair
+            turned = [_turned(each[twice]) for each in flat]
+            self._waiting.append(_Pairs(rows[twice], rows[twice], turned))
+        if self._entries > _ENTRIES_PER_BATCH:
+            self._add_up()
+
+    def total(self) -> tuple[sp.csr_matrix, ...]:
+        """The sums, (d n, d n) for every d; these are without elements afterwards."""
+        self._add_up()
+        if not self._parts:
+            return tuple(sp.csr_matrix((d * self._count,) * 2) for d in self.sizes)
+        if len(self._parts) > 1:
+            self._waiting, self._parts = self._parts, []
+            self._add_up()
+        pairs = self._parts.pop()
+        pattern = _both_orders(pairs.rows, pairs.columns, self._count)
+        return tuple(
+            _symmetric_matrix(pattern, pairs.blocks.pop(0), d) for d in self.sizes
+        )
+
+    def _add_up(self) -> None:
+        """Add up the elements that wait."""
+        if self._waiting:
+            parts, self._waiting, self._entries = self._waiting, [], 0
+            blocks = zip(*(part.blocks for part in parts), strict=True)
+            pairs = _Pairs(
+                np.concatenate([part.rows for part in parts]),
+                np.concatenate([part.columns for part in parts]),
+                [np.concatenate(each) for each in blocks],
+            )
+            del parts
+            self._parts.append(_sum_pairs(pairs, self._count))
 
 
-def _sum_blocks(
-    blocks: Array, rows: NodeNumbers, columns: NodeNumbers, count: int, d: int
-) -> sp.bsr_matrix:
-    """Blocks (p, d d) added up by the rows and columns (p,) of their pairs of nodes.
+@dataclass(frozen=True, eq=False)
+class _Pairs:
+    """Pairs of nodes (p,) and their blocks (p, d d), for every d."""
 
-    They are sorted by counting, by columns first and then by rows.
+    rows: NodeNumbers
+    columns: NodeNumbers
+    blocks: list[Array]
+
+
+def _turned(blocks: Array) -> Array:
+    """Return transposed blocks (p, d d)."""
+    d = round(blocks.shape[1] ** 0.5)
+    return blocks.reshape(-1, d, d).swapaxes(1, 2).reshape(-1, d * d)
+
+
+def _sum_pairs(pairs: _Pairs, count: int) -> _Pairs:
+    """Return the sums of the blocks of equal pairs, the smaller node first.
+
+    They are sorted by counting, by the larger node first and then by the smaller one.
     """
+    rows = np.minimum(pairs.rows, pairs.columns)
+    columns = np.maximum(pairs.rows, pairs.columns)
     every = np.arange(len(rows) + 1, dtype=np.int32)
     shape = (len(rows), count)
     by_column = sp.csr_matrix((every[:-1], columns, every), shape=shape).tocsc()
-    order = by_column.data
-    entries = (order, rows[order], by_column.indptr)
+    entries = (by_column.data, rows[by_column.data], by_column.indptr)
     by_row = sp.csr_matrix(entries, shape=(count, count)).tocsc()
+    order, starts = by_row.data, by_row.indptr
     is_first = np.diff(by_row.indices, prepend=-1) != 0
-    starts = by_row.indptr
     is_first[starts[:-1][np.diff(starts) > 0]] = True
     firsts = np.flatnonzero(is_first)
-    entries = (np.ones(len(rows)), by_row.data, np.append(firsts, len(rows)))
-    sums = sp.csr_matrix(entries, shape=(len(firsts), len(rows))) @ blocks
-    parts = sums.reshape(-1, d, d), by_row.indices[firsts]
-    size = (d * count,) * 2
-    return sp.bsr_matrix((*parts, np.searchsorted(firsts, starts)), shape=size)
+    ends = np.append(firsts, len(rows))
+    is_turned = (pairs.rows > pairs.columns)[order]
+    before = np.concatenate([[0], np.cumsum(is_turned)])[ends]
+    sums = []
+    while pairs.blocks:
+        blocks = pairs.blocks.pop(0)
+        if blocks.shape[1] == 1:
+            sums.append(_selected_sums(order, ends, blocks))
+            continue
+        total = _selected_sums(order[~is_turned], ends - before, blocks)
+        total += _turned(_selected_sums(order[is_turned], before, blocks))
+        sums.append(total)
+    chosen = order[firsts]
+    return _Pairs(rows[chosen], columns[chosen], sums)
+
+
+def _selected_sums(order: Indices, ends: Indices, blocks: Array) -> Array:
+    """Sums (k, d d) of the blocks numbered by groups of `order` between `ends`."""
+    entries = (np.ones(len(order)), order, ends)
+    return np.asarray(sp.csr_matrix(entries, (len(ends) - 1, len(blocks))) @ blocks)
+
+
+def _both_orders(rows: NodeNumbers, columns: NodeNumbers, count: int) -> sp.csr_matrix:
+    """(n, n) numbers of pairs plus 1, for the other order of the nodes negative."""
+    numbers = np.arange(1, len(rows) + 1, dtype=np.int32)
+    starts = np.searchsorted(rows, np.arange(count + 1, dtype=rows.dtype))
+    upper = sp.csr_matrix((numbers, columns, starts), shape=(count, count))
+    apart = rows != columns
+    entries = (-numbers[apart], (columns[apart], rows[apart]))
+    return sp.csr_matrix(sp.csr_matrix(entries, shape=upper.shape) + upper)
+
+
+def _symmetric_matrix(pattern: sp.csr_matrix, blocks: Array, d: int) -> sp.csr_matrix:
+    """Sparse matrix of the blocks (p, d d) that a pattern of `_both_orders` numbers."""
+    numbers = np.abs(pattern.data) - 1
+    count = d * pattern.shape[0]
+    if d == 1:
+        entries = (blocks[numbers, 0], pattern.indices, pattern.indptr)
+        return sp.csr_matrix(entries, shape=(count, count))
+    every = blocks.reshape(-1, d, d)[numbers]
+    turned = pattern.data < 0
+    every[turned] = np.swapaxes(every[turned], 1, 2)
+    entries = (every, pattern.indices, pattern.indptr)
+    return sp.csr_matrix(sp.bsr_matrix(entries, shape=(count, count)))

@@ -328,10 +328,53 @@ def reduced_matrices(
 
 
 def _in_coordinates(transform: sp.csr_matrix, matrix: sp.csr_matrix) -> sp.csr_matrix:
-    """transform.T @ matrix @ transform, with sorted columns."""
-    result = sp.csr_matrix(transform.T) @ (matrix @ transform)
-    result.sort_indices()
-    return sp.csr_matrix(result)
+    """transform.T @ matrix @ transform of a symmetric matrix, with sorted columns.
+
+    Where the transformation only selects, entries are copied.
+    """
+    number = _selected_numbers(transform)
+    count = int(np.count_nonzero(number >= 0))
+    is_kept = np.repeat(number >= 0, np.diff(matrix.indptr))
+    is_kept &= (number >= 0)[matrix.indices]
+    ends = np.cumsum(is_kept, dtype=matrix.indptr.dtype)
+    ends = np.concatenate([ends[:1] * 0, ends])[matrix.indptr[1:][number >= 0]]
+    values = matrix.data[is_kept]
+    columns = number[matrix.indices[is_kept]]
+    rest = sp.csr_matrix(transform[:, count:])
+    below = sp.csr_matrix(sp.csr_matrix(rest.T) @ matrix @ transform)
+    below.sort_indices()
+    beside = sp.csr_matrix(below[:, :count].T)
+    added = np.cumsum(np.diff(beside.indptr), dtype=ends.dtype)
+    there = np.repeat(ends, np.diff(beside.indptr))
+    there = np.append(there, np.full(below.nnz, len(values)))
+    values = np.insert(values, there, np.append(beside.data, below.data))
+    others = np.append(beside.indices + number.dtype.type(count), below.indices)
+    columns = np.insert(columns, there, others)
+    ends += added
+    last = (ends[-1] if count else 0) + below.indptr[1:]
+    starts = np.concatenate([[0], ends, last])
+    size = (transform.shape[1],) * 2
+    return sp.csr_matrix((values, columns, starts), shape=size)
+
+
+def _selected_numbers(transform: sp.csr_matrix) -> NDArray[np.int32]:
+    """(ndof,) numbers of the first coordinates that are one displacement each, in the
+    same order; -1 of other displacements.
+    """
+    lengths = np.diff(transform.indptr)
+    rows = np.flatnonzero(lengths == 1)
+    entries = transform.indptr[rows]
+    columns = transform.indices[entries]
+    is_alone = (
+        np.bincount(transform.indices, minlength=transform.shape[1])[columns] == 1
+    )
+    is_plain = is_alone & (transform.data[entries] == 1)
+    rows, columns = rows[is_plain], columns[is_plain]
+    ordered = columns == np.arange(len(columns))
+    count = len(columns) if ordered.all() else int(np.argmin(ordered))
+    number = np.full(transform.shape[0], -1, np.int32)
+    number[rows[:count]] = np.arange(count, dtype=np.int32)
+    return number
 
 
 def support_rows(

@@ -108,8 +108,8 @@ def mass_by_few_points(
         batch = mapped_batch(
             block.nodes, mesh.positions, values[None], gradients[None], weights
         )
-        total.add(element_mass(batch, materials[block.material].density), block.nodes)
-    return total.total()
+        total.add(block.nodes, element_mass(batch, materials[block.material].density))
+    return total.total()[0]
 
 
 def calculix_matrices(part: Part, element: str, folder: Path) -> tuple[Array, Array]:
