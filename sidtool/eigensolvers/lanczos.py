@@ -223,9 +223,18 @@ class _KrylovSpace:
         )
 
     def _random_directions(self) -> tuple[Array, Array]:
-        """Random directions that the operator leads to, orthonormal to all."""
-        random = self._random.standard_normal((self._mass.shape[0], BLOCK_SIZE))
-        return self._new_directions(self._operator(self._mass @ random))
+        """Random directions that the operator leads to, orthonormal to all.
+
+        The first ones are smooth, by loads that the mass weights. Eigenvectors of light
+        nodes beside a heavy one are in these by rounding only, and the square root of
+        the mass acts on all alike.
+        """
+        load = self._random.standard_normal((self._mass.shape[0], BLOCK_SIZE))
+        if self._size:
+            load *= np.sqrt(np.abs(self._mass.diagonal()))[:, None]
+        else:
+            load = self._mass @ load
+        return self._new_directions(self._operator(load))
 
     def _new_directions(self, block: Array) -> tuple[Array, Array]:
         return self._orthonormal(block, slice(0))[:2]
