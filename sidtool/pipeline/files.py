@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sidtool.formats.base.errors import InputError
-from sidtool.formats.file_names import kind_by_ending, path_of
+from sidtool.formats.file_names import OUTPUT_KINDS, kind_by_ending, path_of
 from sidtool.formats.storage.hdf5_files import (
     HDF5_SIGNATURE,
     SEAL_SIGNATURE,
@@ -47,16 +47,17 @@ def kind_of(path: Path_) -> str:
         return _kind_of_text(path)
     if _starts_as_hdf5(path):
         return _kind_of_hdf5(path)
-    _refuse_mesh(path)
+    if path.suffix.lower() not in OUTPUT_KINDS["sid"].endings:
+        _refuse_mesh(path)
     return "sid"
 
 
 def _refuse_mesh(path: Path) -> None:
-    """Raise InputError on a mesh, unless its ending is that of any data."""
+    """Raise InputError on a mesh."""
     from ..importers.mesh_files import MESH_READERS
 
     ending = path.suffix.lower()
-    if ending in MESH_READERS and ending != ".dat":
+    if ending in MESH_READERS:
         geometry = f'{{type = "mesh", file = "{path.name}"}}'
         raise InputError(
             "is a mesh",

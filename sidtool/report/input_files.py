@@ -31,15 +31,14 @@ from sidtool.formats.scene import (
 from sidtool.formats.scene.base import Table
 from sidtool.formats.text import counted_noun
 
-from ..elements.finite_element_model import FiniteElementModel
-from ..reduction.admissible_space import constrained_space
-from ..reduction.body_frames import buckens_frame
 from .diagnostics import diagnostic_lines
 from .result import before_run
 from .tables import TextBlock, format_numbers, named_values, text_table
 
 if TYPE_CHECKING:
     from sidtool.solver.diagnostics.run_summary import BodyEquations
+
+    from ..elements.finite_element_model import FiniteElementModel
 
 #: Number of elastic frequencies in the description, and degrees of freedom above which
 #: they are left out: they would take minutes.
@@ -266,6 +265,9 @@ def _rigid_frequencies(body: FiniteElementModel, centre: Array) -> Array:
 
 def _free_frequencies(body: FiniteElementModel) -> Array:
     """Return the first elastic frequencies [Hz]; none if they cannot be computed."""
+    from ..reduction.admissible_space import constrained_space
+    from ..reduction.body_frames import buckens_frame
+
     space = constrained_space(body, buckens_frame(body, BuckensFrame(type="buckens")))
     free = space.stiffness.shape[0] - space.rigid.shape[1]
     try:

@@ -13,7 +13,6 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 from sidtool.formats.base.sid import SID, Array, Node
 from sidtool.formats.sid_mass import (
@@ -130,6 +129,8 @@ def _common_nodes(
 def _pair_by_position(
     here: SID, reference: SID, near: float
 ) -> list[tuple[Node, Node]]:
+    from scipy.spatial import KDTree  # 50 ms that few validations need
+
     if not here.nodes or not reference.nodes:
         return []
     points = KDTree([node.position for node in reference.nodes])
