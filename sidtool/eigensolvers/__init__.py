@@ -2,6 +2,8 @@
 
 eigenpairs      lowest eigenpairs of K v = lambda M v
 lanczos         block Lanczos in shift-invert mode
+projected_matrix
+                matrices of reduced coordinates, as products
 factorisation   sparse Cholesky and LU factors, ordering, memory
 pardiso         Cholesky factors by Intel's oneMKL
 slepc           several processes; the engine and listener of a run

@@ -15,6 +15,7 @@ from ..mesh.mesh import Indices
 from ..mesh.quadratic_fields import softest_deformation
 from .factorisation import engine_name, symmetric_factors
 from .lanczos import ACCURATE, Accuracy, Pencil, dominant_vectors, expected_blocks
+from .projected_matrix import SymmetricMatrix, products_of_magnitudes
 from .slepc import ProgressCounter, notify, slepc_eigenvectors
 
 __all__ = [
@@ -40,7 +41,7 @@ _DISTINCT = 1e-2
 
 
 def equal_frequencies(
-    values: Array, shapes: Array, stiffness: sp.csr_matrix
+    values: Array, shapes: Array, stiffness: SymmetricMatrix
 ) -> list[Indices]:
     """Return the numbers of the modes, in groups of one frequency.
 
@@ -96,23 +97,20 @@ def _distinct_modes(shapes: Array, directions: Array) -> Array:
     return turn
 
 
-def _rounding(stiffness: sp.csr_matrix, vectors: Array) -> Array:
+def _rounding(stiffness: SymmetricMatrix, vectors: Array) -> Array:
     """(n,) the rounding of v^T K v for unit masses [1/s^2].
 
     Terms of size |v|^T |K| |v| cancel in v^T K v, so that its rounding error is of
     that size times the unit roundoff.
     """
-    sizes = sp.csr_matrix(
-        (np.abs(stiffness.data.real), stiffness.indices, stiffness.indptr),
-        shape=stiffness.shape,
-    )
     parts = np.abs(vectors)
-    return np.finfo(float).eps * np.einsum("ij,ij->j", parts, sizes @ parts)
+    products = products_of_magnitudes(stiffness, parts)
+    return np.finfo(float).eps * np.einsum("ij,ij->j", parts, products)
 
 
 def lowest_eigenpairs(
-    stiffness: sp.csr_matrix,
-    mass: sp.csr_matrix,
+    stiffness: SymmetricMatrix,
+    mass: SymmetricMatrix,
     count: int,
     *,
     shift: float | Callable[[], float] = 0.0,
@@ -184,7 +182,7 @@ def lowest_eigenpairs(
     return values, vectors
 
 
-def _check_resolution(stiffness: sp.csr_matrix, value: float, vector: Array) -> None:
+def _check_resolution(stiffness: SymmetricMatrix, value: float, vector: Array) -> None:
     """Raise if the lowest eigenvalue of a deformation is lost in rounding."""
     noise = float(_rounding(stiffness, vector[:, None])[0])
     if value < _MIN_RESOLUTION * noise:
@@ -203,7 +201,7 @@ def _dense_space(pencil: Pencil, count: int) -> Array:
     conversely the lowest ones would be lost in the rounding of the largest, and a mass
     matrix that is singular to printed digits could not be used.
     """
-    mass, shifted = pencil.mass.toarray(), pencil.shifted.toarray()
+    mass, shifted = pencil.mass.tocsr().toarray(), pencil.shifted.toarray()
     basis = None
     if len(pencil.constraints):
         basis = scipy.linalg.null_space(pencil.constraints)
@@ -229,7 +227,7 @@ def _all_eigenvectors(mass: Array, shifted: Array) -> Array:
 
 
 def _ritz_pairs(
-    stiffness: sp.csr_matrix, mass: sp.csr_matrix, vectors: Array
+    stiffness: SymmetricMatrix, mass: SymmetricMatrix, vectors: Array
 ) -> tuple[Array, Array]:
     """The eigenpairs in the space of some vectors."""
     small = [vectors.T @ (matrix @ vectors) for matrix in (stiffness, mass)]

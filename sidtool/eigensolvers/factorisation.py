@@ -18,7 +18,7 @@ import importlib
 import os
 import platform
 from collections.abc import Callable
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import scipy.sparse as sp
@@ -73,7 +73,18 @@ class Factors(Protocol):
         """A^-1 b for b (n,) or (n, k)."""
 
 
-def symmetric_factors(matrix: sp.csr_matrix, places: Array | None = None) -> Factors:
+class Assembled(Protocol):
+    """Protocol of a matrix that may be written out only when it is factorised."""
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Numbers of rows and columns."""
+
+    def tocsr(self) -> sp.csr_matrix:
+        """The entries."""
+
+
+def symmetric_factors(matrix: Assembled, places: Array | None = None) -> Factors:
     """Factorise a symmetric positive definite matrix.
 
     Parameters
@@ -93,7 +104,7 @@ def symmetric_factors(matrix: sp.csr_matrix, places: Array | None = None) -> Fac
         costs += _expected_durations(name, places, count)
     notify(f"factorising {count} equations by {name}{costs}")
     if name == "superlu":
-        return _Superlu(matrix, places)
+        return _Superlu(matrix.tocsr(), places)
     return ENGINES[name][1](matrix)
 
 
@@ -207,11 +218,11 @@ class _Superlu:
 class _Cholmod:
     """Supernodal Cholesky factors (scikit-sparse below 0.5)."""
 
-    def __init__(self, matrix: sp.csr_matrix) -> None:
+    def __init__(self, matrix: Assembled) -> None:
         from sksparse.cholmod import CholmodError, cholesky
 
         try:
-            self._factor = cholesky(_to_csc(matrix), mode="supernodal")
+            self._factor = cholesky(_to_csc(matrix.tocsr()), mode="supernodal")
         except CholmodError as error:
             raise RuntimeError(str(error)) from None
 
@@ -220,7 +231,7 @@ class _Cholmod:
 
 
 #: Name -> required module, factorisation; the first available one is the default.
-ENGINES: dict[str, tuple[str, Callable[[sp.csr_matrix], Factors]]] = {
+ENGINES: dict[str, tuple[str, Callable[[Any], Factors]]] = {
     "cholmod": ("sksparse.cholmod", _Cholmod),
     "pardiso": ("pypardiso", PardisoFactors),
     "superlu": ("scipy", _Superlu),

@@ -15,6 +15,8 @@ import scipy.sparse as sp
 
 from sidtool.formats.base.sid import Array
 
+from .projected_matrix import SymmetricMatrix
+
 #: Equal eigenvalues come in pairs and triples, by symmetry. A solution for four vectors
 #: takes 1.1 to 1.5 times as long as for two, and half as many are needed.
 BLOCK_SIZE = 4
@@ -94,7 +96,7 @@ def _value_errors(values: Array, residuals: Array, count: int) -> Array:
 
 def dominant_vectors(
     operator: Callable[[Array], Array],
-    mass: sp.csr_matrix,
+    mass: SymmetricMatrix,
     count: int,
     rigid: Array,
     accuracy: Accuracy = ACCURATE,
@@ -126,7 +128,7 @@ class _KrylovSpace:
     def __init__(
         self,
         operator: Callable[[Array], Array],
-        mass: sp.csr_matrix,
+        mass: SymmetricMatrix,
         count: int,
         rigid: Array,
     ) -> None:
@@ -295,8 +297,8 @@ class Pencil:
     rigid : (n, r) known vectors of the eigenvalue 0
     """
 
-    stiffness: sp.csr_matrix
-    mass: sp.csr_matrix
+    stiffness: SymmetricMatrix
+    mass: SymmetricMatrix
     shift: float
     constraints: Array
     rigid: Array
@@ -305,5 +307,5 @@ class Pencil:
     def shifted(self) -> sp.csr_matrix:
         """K - shift M."""
         if self.shift == 0.0:
-            return self.stiffness
-        return self.stiffness - self.shift * self.mass
+            return self.stiffness.tocsr()
+        return self.stiffness.tocsr() - self.shift * self.mass.tocsr()

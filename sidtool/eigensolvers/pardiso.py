@@ -69,12 +69,17 @@ def _installed_library() -> str | None:
 
 
 class PardisoFactors:
-    """Cholesky factors of the upper triangle of a symmetric matrix."""
+    """Cholesky factors of the upper triangle of a symmetric matrix.
 
-    def __init__(self, matrix: sp.csr_matrix) -> None:
+    Parameters
+    ----------
+    matrix : see `factorisation.Assembled`
+    """
+
+    def __init__(self, matrix: Any) -> None:
         self._function = import_pypardiso().ps.libmkl["pardiso"]
         self._function.restype = None
-        self._matrix = _upper_triangle(matrix)
+        self._matrix = _upper_triangle(matrix.tocsr())
         self._handle = np.zeros(64, np.intp)
         self._parameters = np.zeros(64, np.int32)
         for number, value in _PARAMETERS.items():

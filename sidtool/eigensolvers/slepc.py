@@ -152,9 +152,11 @@ def slepc_eigenvectors(pencil: Pencil, count: int) -> Array:
     notify(f"eigenvectors by SLEPc, processes: {processes.size}")
     rows, rigid = pencil.constraints, pencil.rigid
     n, k = pencil.stiffness.shape[0], len(rows)
-    a = _distributed_matrix(petsc, processes, _with_multipliers(pencil.stiffness, rows))
+    a = _distributed_matrix(
+        petsc, processes, _with_multipliers(pencil.stiffness.tocsr(), rows)
+    )
     b = _distributed_matrix(
-        petsc, processes, _with_multipliers(pencil.mass, np.zeros_like(rows))
+        petsc, processes, _with_multipliers(pencil.mass.tocsr(), np.zeros_like(rows))
     )
     eps = slepc.EPS().create()
     eps.setOperators(a, b)
@@ -190,11 +192,11 @@ def slepc_eigenvectors(pencil: Pencil, count: int) -> Array:
 class PetscFactors:
     """Factors that are distributed over the processes; see `factorisation.Factors`."""
 
-    def __init__(self, matrix: sp.csr_matrix) -> None:
+    def __init__(self, matrix: Any) -> None:
         self._petsc, _ = _import_slepc()
         self._processes = Processes()
         self._processes.wait_for_all()
-        self._matrix = _distributed_matrix(self._petsc, self._processes, matrix)
+        self._matrix = _distributed_matrix(self._petsc, self._processes, matrix.tocsr())
         self._ksp = self._petsc.KSP().create()
         self._ksp.setOperators(self._matrix)
         _use_direct_solver(self._petsc, self._ksp)

@@ -26,6 +26,7 @@ from ..eigensolvers.eigenpairs import (
 )
 from ..eigensolvers.factorisation import Factors
 from ..eigensolvers.lanczos import ACCURATE, BLOCK_SIZE, Accuracy
+from ..eigensolvers.projected_matrix import ProjectedMatrix
 from ..eigensolvers.slepc import notify
 from ..elements.finite_element_model import FiniteElementModel
 from ..elements.mortar_ties import elimination_matrix
@@ -58,8 +59,8 @@ class AdmissibleSpace:
     """
 
     transform: sp.csr_matrix
-    stiffness: sp.csr_matrix
-    mass: sp.csr_matrix
+    stiffness: ProjectedMatrix
+    mass: ProjectedMatrix
     constraints: Array
     rigid: Array
     constrained_rigid_motions: Array
@@ -204,7 +205,7 @@ class PinnedFactors:
     them.
     """
 
-    def __init__(self, stiffness: sp.csr_matrix, rigid: Array, places: Array) -> None:
+    def __init__(self, stiffness: ProjectedMatrix, rigid: Array, places: Array) -> None:
         self._stiffness, self._rigid, self._places = stiffness, rigid, places
 
     def solve(self, load: Array) -> Array:
@@ -213,11 +214,23 @@ class PinnedFactors:
 
     @cached_property
     def _factors(self) -> Factors:
-        stiffness = self._stiffness
+        matrix = _PinnedMatrix(self._stiffness, self._rigid)
+        return symmetric_factors(matrix, self._places)
+
+
+class _PinnedMatrix:
+    """K with springs, see `factorisation.Assembled`."""
+
+    def __init__(self, stiffness: ProjectedMatrix, rigid: Array) -> None:
+        self._stiffness, self._rigid = stiffness, rigid
+        self.shape = stiffness.shape
+
+    def tocsr(self) -> sp.csr_matrix:
+        stiffness = self._stiffness.tocsr()
         if self._rigid.shape[1]:
             stiff = float(abs(stiffness.diagonal()).mean())
             stiffness = stiffness + stiff * sp.diags_array(_support_mask(self._rigid))
-        return symmetric_factors(sp.csr_matrix(stiffness), self._places)
+        return sp.csr_matrix(stiffness)
 
 
 class _StaticSolver:
@@ -311,7 +324,7 @@ def reduced_matrices(
     InputError : no displacement is left, or a rigid piece is fixed in part.
     """
     transform = _free_coordinates(model, held)
-    stiffness = _in_coordinates(transform, model.stiffness)
+    stiffness = ProjectedMatrix(transform, model.stiffness)
     if stiffness.shape[0] == 0:
         raise InputError("nothing is left that could move", place="reduction.fix")
     whole = model.rigid_body_modes(frame.origin)
@@ -319,62 +332,12 @@ def reduced_matrices(
     return {
         "transform": transform,
         "stiffness": stiffness,
-        "mass": _in_coordinates(transform, model.mass),
+        "mass": ProjectedMatrix(transform, model.mass),
         "constraints": np.zeros((0, stiffness.shape[0])),
         "rigid": coordinates_of(transform, whole @ free),
         "constrained_rigid_motions": np.zeros((stiffness.shape[0], 0)),
         "directions": model.directions,
     }
-
-
-def _in_coordinates(transform: sp.csr_matrix, matrix: sp.csr_matrix) -> sp.csr_matrix:
-    """transform.T @ matrix @ transform of a symmetric matrix, with sorted columns.
-
-    Where the transformation only selects, entries are copied.
-    """
-    number = _selected_numbers(transform)
-    count = int(np.count_nonzero(number >= 0))
-    is_kept = np.repeat(number >= 0, np.diff(matrix.indptr))
-    is_kept &= (number >= 0)[matrix.indices]
-    ends = np.cumsum(is_kept, dtype=matrix.indptr.dtype)
-    ends = np.concatenate([ends[:1] * 0, ends])[matrix.indptr[1:][number >= 0]]
-    values = matrix.data[is_kept]
-    columns = number[matrix.indices[is_kept]]
-    rest = sp.csr_matrix(transform[:, count:])
-    below = sp.csr_matrix(sp.csr_matrix(rest.T) @ matrix @ transform)
-    below.sort_indices()
-    beside = sp.csr_matrix(below[:, :count].T)
-    added = np.cumsum(np.diff(beside.indptr), dtype=ends.dtype)
-    there = np.repeat(ends, np.diff(beside.indptr))
-    there = np.append(there, np.full(below.nnz, len(values)))
-    values = np.insert(values, there, np.append(beside.data, below.data))
-    others = np.append(beside.indices + number.dtype.type(count), below.indices)
-    columns = np.insert(columns, there, others)
-    ends += added
-    last = (ends[-1] if count else 0) + below.indptr[1:]
-    starts = np.concatenate([[0], ends, last])
-    size = (transform.shape[1],) * 2
-    return sp.csr_matrix((values, columns, starts), shape=size)
-
-
-def _selected_numbers(transform: sp.csr_matrix) -> NDArray[np.int32]:
-    """(ndof,) numbers of the first coordinates that are one displacement each, in the
-    same order; -1 of other displacements.
-    """
-    lengths = np.diff(transform.indptr)
-    rows = np.flatnonzero(lengths == 1)
-    entries = transform.indptr[rows]
-    columns = transform.indices[entries]
-    is_alone = (
-        np.bincount(transform.indices, minlength=transform.shape[1])[columns] == 1
-    )
-    is_plain = is_alone & (transform.data[entries] == 1)
-    rows, columns = rows[is_plain], columns[is_plain]
-    ordered = columns == np.arange(len(columns))
-    count = len(columns) if ordered.all() else int(np.argmin(ordered))
-    number = np.full(transform.shape[0], -1, np.int32)
-    number[rows[:count]] = np.arange(count, dtype=np.int32)
-    return number
 
 
 def support_rows(

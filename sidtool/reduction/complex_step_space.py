@@ -55,8 +55,8 @@ class NominalSpace:
             values, shapes = self._whole_clusters(count, soon)
             vectors = coordinates_of(self.space.transform, shapes)
             self._derivatives[count] = EigenpairDerivatives(
-                self.space.stiffness,
-                self.space.mass,
+                self.space.stiffness.tocsr(),
+                self.space.mass.tocsr(),
                 self.space.constraints,
                 values,
                 vectors,
@@ -111,9 +111,10 @@ class ComplexStepSpace(AdmissibleSpace):
         if count == 0:
             return super().modes(count, soon)
         pairs = self.nominal.derivatives(count, soon)
-        if not any(map(np.iscomplexobj, (self.stiffness, self.mass, self.constraints))):
+        matrices = (self.stiffness.tocsr(), self.mass.tocsr(), self.constraints)
+        if not any(map(np.iscomplexobj, matrices)):
             return pairs.values[:count], self.displacements(pairs.vectors[:, :count])
-        steps = (self.stiffness.imag, self.mass.imag, self.constraints.imag)
+        steps = tuple(matrix.imag for matrix in matrices)
         slopes, changes = pairs.by(*steps)
         if pairs.is_mixed(count, *steps[:2]):
             raise InputError(
@@ -152,9 +153,9 @@ def complex_step_space(
     plain = nominal.get(fixed)
     held = clamped_dofs(body, frame, fixed)
     parts = reduced_matrices(body, held, frame)
-    change = None
-    if np.iscomplexobj(parts["stiffness"]):
-        change = sp.csr_matrix(parts["stiffness"].imag)
+    stiffness, change = parts["stiffness"].tocsr(), None
+    if np.iscomplexobj(stiffness):
+        change = sp.csr_matrix(stiffness.imag)
     space = ComplexStepSpace(
         **parts,
         shift=plain.space.shift,

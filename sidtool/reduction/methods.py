@@ -401,7 +401,7 @@ class _DynamicSolver:
     """Solves (K - w^2 M) y = f with the constraints of a space."""
 
     def __init__(self, space: AdmissibleSpace, omega: float) -> None:
-        k, m = space.stiffness, space.mass
+        k, m = space.stiffness.tocsr(), space.mass.tocsr()
         rows = sp.csr_matrix(space.constraints * float(k.diagonal().real.mean()))
         matrix = k - omega**2 * m
         if rows.shape[0]:

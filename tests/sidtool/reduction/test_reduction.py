@@ -9,6 +9,10 @@ import scipy.sparse as sp
 from numpy.testing import assert_allclose
 
 from sidtool.eigensolvers.eigenpairs import free_body_shift, lowest_eigenpairs
+from sidtool.eigensolvers.projected_matrix import (
+    ProjectedMatrix,
+    products_of_magnitudes,
+)
 from sidtool.elements.finite_element_model import FiniteElementModel
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.model import ModalReduction, ModelFile, TangentFrame
@@ -37,6 +41,23 @@ def basis(body: FiniteElementModel) -> ReducedBasis:
 def reduced(body: FiniteElementModel, modes: int) -> ReducedBasis:
     settings = ModalReduction(method="modal", modes=modes)
     return REDUCTIONS["modal"](body, FRAMES["tangent"](body, TANGENT), settings)
+
+
+def test_a_projected_matrix_has_the_entries_of_its_products() -> None:
+    """Of 20 displacements 12 are coordinates, two more coordinates move the others."""
+    random = np.random.default_rng(0)
+    whole = random.normal(size=(20, 20)) * (random.uniform(size=(20, 20)) < 0.3)
+    whole += whole.T
+    transform = np.zeros((20, 14))
+    transform[np.flatnonzero(np.arange(20) % 5 < 3), np.arange(12)] = 1.0
+    transform[np.arange(20) % 5 >= 3, 12:] = random.normal(size=(8, 2))
+    matrix = ProjectedMatrix(sp.csr_matrix(transform), sp.csr_matrix(whole))
+    expected, vectors = transform.T @ whole @ transform, random.normal(size=(14, 3))
+    assert_allclose(matrix.tocsr().toarray(), expected, atol=1e-13)
+    assert_allclose(matrix @ vectors, expected @ vectors, atol=1e-12)
+    for any_matrix in (matrix, sp.csr_matrix(expected)):
+        found = products_of_magnitudes(any_matrix, vectors)
+        assert_allclose(found, np.abs(expected) @ vectors, atol=1e-12)
 
 
 def test_sparse_eigenpairs_are_those_of_lapack(body: FiniteElementModel) -> None:
