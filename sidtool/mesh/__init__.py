@@ -2,6 +2,7 @@
 
 mesh                 nodes, blocks of elements, node sets
 reference_elements   shape functions and quadrature of the reference elements
+jacobians            Jacobian matrices, their determinants and adjugates
 quadratic_fields     deformations by quadratic displacement fields
 materials            anisotropic materials
 connections          bars, shells, ties, couplings, equations of a mesh file

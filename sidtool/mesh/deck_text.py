@@ -22,7 +22,7 @@ from sidtool.formats.storage.unreadable import unreadable_error
 from sidtool.formats.toml.reading import LARGEST_NUMBER
 
 #: Labels are held in 64 bits.
-_MAX_LABEL = 2**63 - 1
+MAX_LABEL = 2**63 - 1
 
 #: Largest number of INCLUDE lines of a deck: ten files that include each other ten
 #: times would give 10^10.
@@ -130,7 +130,7 @@ def parse_integers(
     except ValueError:
         numbers = []
     largest = max(map(abs, numbers), default=0)
-    if len(numbers) < len(words) or largest > _MAX_LABEL:
+    if len(numbers) < len(words) or largest > MAX_LABEL:
         text = " ".join(words)[:60]
         raise InputError(f"found {text!r}", place=place, expected=what)
     return numbers

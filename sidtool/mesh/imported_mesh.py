@@ -14,7 +14,7 @@ from collections import Counter
 from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
-from itertools import filterfalse, permutations
+from itertools import chain, filterfalse, permutations
 from typing import Any, Protocol
 
 import numpy as np
@@ -439,7 +439,7 @@ def reading_notes(
         _CALLED.get(type(element)) or getattr(element, "kind", "")
         for element in elements
     )
-    used = {node for element in elements for node in element.nodes} - {None}
+    used = {*chain.from_iterable(element.nodes for element in elements)} - {None}
     found = [
         diagnose(
             "N110",

@@ -11,6 +11,7 @@ from scipy.sparse.csgraph import connected_components
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import Array
 
+from .jacobians import jacobian_columns, jacobian_determinants
 from .reference_elements import reference_element
 
 Indices = NDArray[np.int64]
@@ -177,12 +178,11 @@ def _check_shape(mesh: Mesh, block: ElementBlock, place: str) -> None:
     points = np.vstack([element.points, element.nodes[: element.corners]])
     _, gradients = element.at(points)
     inner = len(element.points)
-    for start in range(0, len(block.nodes), 20_000):
-        part = block.nodes[start : start + 20_000]
-        corners = mesh.positions[part]
-        jacobians = np.swapaxes(corners, 1, 2)[:, None] @ gradients
-        determinants = np.linalg.det(jacobians)
-        lengths = np.linalg.norm(jacobians, axis=2).prod(axis=2)
+    for start in range(0, len(block.nodes), 2_000):
+        part = block.nodes[start : start + 2_000]
+        jacobians = jacobian_columns(mesh.positions.real[part], gradients[None])
+        determinants = jacobian_determinants(jacobians)
+        lengths = np.sqrt((jacobians**2).sum(axis=1)).prod(axis=0)
         ratio = determinants / np.maximum(lengths, np.finfo(float).tiny)
         folded = (ratio[:, :inner] <= 1e-10).any(axis=1)
         if block.kind != "tet10":  # as in Abaqus and CalculiX

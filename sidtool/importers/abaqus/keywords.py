@@ -7,6 +7,7 @@ are refused.
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 
 from sidtool.formats.base.errors import InputError
@@ -29,13 +30,21 @@ class Block:
     ----------
     keyword : in capitals, words separated by one blank
     options : name in capitals -> value, "" for none
-    rows : the words of every data line, "" for a blank one, and where it stands
+    lines : text and number of every data line, and the name of an included file
     """
 
     keyword: str
     options: dict[str, str]
     place: str
-    rows: list[tuple[list[str], str]] = field(default_factory=list)
+    lines: list[tuple[str, int, str]] = field(default_factory=list)
+
+    @cached_property
+    def rows(self) -> list[tuple[list[str], str]]:
+        """The words of every data line, "" for a blank one, and where it stands."""
+        return [
+            (split_fields(text), located_line(number, name))
+            for text, number, name in self.lines
+        ]
 
 
 def read_blocks(
@@ -56,18 +65,18 @@ def read_blocks(
     included = included or IncludedFiles()
     included.enter(path)
     blocks = [] if before is None else before
-    nested = len(included.open) > 1
-    for is_keyword, text, place in _statements(path, path.name if nested else ""):
+    name = path.name if len(included.open) > 1 else ""
+    for is_keyword, text, number in _statements(path):
         if not is_keyword:
             if not blocks:
                 raise InputError(
                     f"found {text[:40]!r} before any keyword",
-                    place=place,
+                    place=located_line(number, name),
                     expected="a line like *NODE",
                 )
-            blocks[-1].rows.append((split_fields(text), place))
+            blocks[-1].lines.append((text, number, name))
             continue
-        block = _keyword(text, place)
+        block = _keyword(text, located_line(number, name))
         if block.keyword == "INCLUDE":
             read_blocks(_check_names(path, block), included, blocks)
             continue
@@ -75,7 +84,7 @@ def read_blocks(
         # other keywords name results, as *SUBMODEL, which the body does not need
         if "INPUT" in block.options and _takes_input(block):
             file = _check_names(path, block)
-            block.rows.extend(_external_data(file))
+            block.lines.extend(_external_data(file))
     included.open.pop()
     return blocks
 
@@ -92,24 +101,21 @@ def split_fields(text: str) -> list[str]:
     return words[:-1] if len(words) > 1 and not words[-1] else words
 
 
-def _statements(path: Path, name: str) -> Iterator[tuple[bool, str, str]]:
-    """Keyword lines, continuation lines joined, and data lines, with their places.
-
-    name : name of an included file for messages, else empty
-    """
-    pending, begun = "", ""
+def _statements(path: Path) -> Iterator[tuple[bool, str, int]]:
+    """Keyword lines, continuation lines joined, and data lines, with their numbers."""
+    pending, begun = "", 0
     for number, line in enumerate(read_lines(path), start=1):
-        text, place = line.strip(), located_line(number, name)
+        text = line.strip()
         if not text or text.startswith("**"):
             continue
-        starts = text.startswith("*")
+        starts = text[0] == "*"
         if pending and (starts or not _is_continuation(text)):
             yield True, pending, begun
             pending = ""
         if not starts and not pending:
-            yield False, text, place
+            yield False, text, number
             continue
-        begun = begun if pending else place
+        begun = begun if pending else number
         pending += text
         if not text.endswith(","):
             yield True, pending, begun
@@ -145,15 +151,15 @@ def _check_names(path: Path, block: Block) -> Path:
     return named_file(path, name)
 
 
-def _external_data(file: Path) -> Iterator[tuple[list[str], str]]:
-    for is_keyword, text, place in _statements(file, file.name):
+def _external_data(file: Path) -> Iterator[tuple[str, int, str]]:
+    for is_keyword, text, number in _statements(file):
         if is_keyword:
             raise InputError(
                 f"found {text[:40]!r}",
-                place=place,
+                place=located_line(number, file.name),
                 expected="data lines only",
             )
-        yield split_fields(text), place
+        yield text, number, file.name
 
 
 #: Keywords that are read, and the parameters that they may have.
@@ -356,7 +362,7 @@ def spelled_out(block: Block) -> Block:
                 expected=f"among {', '.join(allowed) or 'none'}",
             )
         options[fitting[0]] = value
-    return Block(keyword, options, block.place, block.rows)
+    return Block(keyword, options, block.place, block.lines)
 
 
 _READ = {_without_blanks(keyword): keyword for keyword in READ}

@@ -6,6 +6,7 @@ Shells of *SHELL SECTION have corner nodes and homogeneous sections.
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from itertools import chain
 
 import numpy as np
 
@@ -272,8 +273,9 @@ def _section_by_element(deck: Deck, body: Namespace) -> dict[int, Section]:
             )
         for _, label in body.elsets[section.elset]:
             known = section_of.setdefault(label, section)
-            same = replace(section, elset=known.elset, place=known.place) == known
-            if not same:
+            if known is section:
+                continue
+            if replace(section, elset=known.elset, place=known.place) != known:
                 raise InputError(
                     f"element {label} has another section already ({known.place})",
                     place=section.place,
@@ -359,11 +361,9 @@ def node_sets(
         name: _labels_of_group(group, instance) for name, group in scope.nsets.items()
     }
     for name, group in scope.elsets.items():
-        known = [
-            body.elements.get(label) for label in _labels_of_group(group, instance)
-        ]
-        nodes = dict.fromkeys(n for e in known if e is not None for n in e.nodes)
-        sets.setdefault(name, list(nodes))
+        known = map(body.elements.get, _labels_of_group(group, instance))
+        nodes = chain.from_iterable(e.nodes for e in known if e is not None)
+        sets.setdefault(name, list(dict.fromkeys(nodes)))
     for name in scope.surfaces:
         on_faces = surface_nodes(deck, scope, body, instance, name)
         if on_faces is not None:
@@ -398,7 +398,7 @@ def _reading_notes(
     """Return what was read, replaced and ignored (N110 to N119)."""
     given = Counter(element.given for element in elements)
     kinds = {element.given: element.type for element in elements}
-    used = {node for element in elements for node in element.nodes}
+    used = set(chain.from_iterable(element.nodes for element in elements))
     yield diagnose(
         "N110",
         elements=len(elements),
