@@ -70,6 +70,8 @@ Indices = NDArray[np.int64]
 NodeNumbers = NDArray[np.int32]
 #: Entries of element matrices that are added up at a time.
 _ENTRIES_PER_BATCH = 4_000_000
+#: Blocks of a sum that are written into its sparse matrix at a time.
+_BLOCKS_AT_A_TIME = 100_000
 
 
 def extrapolation(kind: str, where: Array, *, relieved: bool) -> Array | None:
@@ -620,10 +622,7 @@ class MatrixSum:
         self._add_up()
         if not self._parts:
             return tuple(sp.csr_matrix((d * self._count,) * 2) for d in self.sizes)
-        if len(self._parts) > 1:
-            self._waiting, self._parts = self._parts, []
-            self._add_up()
-        pairs = self._parts.pop()
+        pairs = _merged(self._parts, self._count)
         pattern = _both_orders(pairs.rows, pairs.columns, self._count)
         return tuple(
             _symmetric_matrix(pattern, pairs.blocks.pop(0), d) for d in self.sizes
@@ -650,6 +649,27 @@ class _Pairs:
     rows: NodeNumbers
     columns: NodeNumbers
     blocks: list[Array]
+
+
+def _merged(parts: list[_Pairs], count: int) -> _Pairs:
+    """Return the sum of parts, each of which has every pair once; the list is emptied,
+    so that no memory is held twice.
+    """
+    if len(parts) == 1:
+        return parts.pop()
+    keys = [part.rows * np.int64(count) + part.columns for part in parts]
+    every = np.sort(np.concatenate(keys))
+    every = every[np.diff(every, prepend=-1) > 0]
+    blocks = zip(*(part.blocks for part in parts), strict=True)
+    kinds = [(each[0].shape[1], np.result_type(*each)) for each in blocks]
+    sums = [np.zeros((len(every), size), kind) for size, kind in kinds]
+    while parts:
+        part, key = parts.pop(0), keys.pop(0)
+        there = np.searchsorted(every, key)
+        for total, own in zip(sums, part.blocks, strict=True):
+            total[there] += own
+    rows, columns = (x.astype(np.int32) for x in np.divmod(every, count))
+    return _Pairs(rows, columns, sums)
 
 
 def _turned(blocks: Array) -> Array:
@@ -707,14 +727,30 @@ def _both_orders(rows: NodeNumbers, columns: NodeNumbers, count: int) -> sp.csr_
 
 
 def _symmetric_matrix(pattern: sp.csr_matrix, blocks: Array, d: int) -> sp.csr_matrix:
-    """Sparse matrix of the blocks (p, d d) that a pattern of `_both_orders` numbers."""
-    numbers = np.abs(pattern.data) - 1
-    count = d * pattern.shape[0]
-    if d == 1:
-        entries = (blocks[numbers, 0], pattern.indices, pattern.indptr)
-        return sp.csr_matrix(entries, shape=(count, count))
-    every = blocks.reshape(-1, d, d)[numbers]
-    turned = pattern.data < 0
-    every[turned] = np.swapaxes(every[turned], 1, 2)
-    entries = (every, pattern.indices, pattern.indptr)
-    return sp.csr_matrix(sp.bsr_matrix(entries, shape=(count, count)))
+    """Sparse matrix of the blocks (p, d d) that a pattern of `_both_orders` numbers.
+
+    Its rows are written group by group: all blocks at once would take as much memory
+    as the matrix.
+    """
+    count, starts = pattern.shape[0], pattern.indptr
+    values = np.empty(pattern.nnz * d**2, blocks.dtype)
+    columns = np.empty(values.size, pattern.indices.dtype)
+    ends = np.zeros(d * count + 1, starts.dtype)
+    limits = np.arange(0, pattern.nnz + _BLOCKS_AT_A_TIME, _BLOCKS_AT_A_TIME)
+    rows = np.unique(np.append(np.searchsorted(starts, limits).clip(max=count), count))
+    for first, last in zip(rows[:-1], rows[1:], strict=True):
+        own = slice(starts[first], starts[last])
+        numbers = pattern.data[own]
+        every = blocks[np.abs(numbers) - 1]
+        every[numbers < 0] = _turned(every[numbers < 0])
+        entries = (
+            every.reshape(-1, d, d),
+            pattern.indices[own],
+            starts[first : last + 1] - starts[first],
+        )
+        shape = (d * (last - first), d * count)
+        part = sp.bsr_matrix(entries, shape=shape).tocsr()
+        there = slice(own.start * d**2, own.stop * d**2)
+        values[there], columns[there] = part.data, part.indices
+        ends[d * first : d * last + 1] = part.indptr + there.start
+    return sp.csr_matrix((values, columns, ends), shape=(d * count,) * 2)

@@ -151,6 +151,8 @@ _GRID_FIELDS = {1: (_NARROW[1:6],), 2: (_WIDE[1:5], _WIDE[1:2])}
 _SOLIDS = ("CTETRA  ", "CHEXA   ", "CPENTA  ", "CPYRAM  ")
 _CONTINUATIONS = ("        ", "+       ")
 _RUN_STARTS = ("GRID", *_SOLIDS)
+#: Where the field with the mark of a continuation begins.
+_MARK_START = 72
 #: Lines of cards of one kind that are read at once.
 _MOST_IN_RUN = 20_000
 
@@ -381,9 +383,13 @@ def _uniform_columns(
     if count <= 0:
         return None, first + size
     parts = [[x.rstrip() for x in texts[i:count:size]] for i in range(size)]
-    for part, own in zip(parts, fields, strict=True):
+    for i, own in enumerate(fields):
         end = own[-1].stop if own else 8
-        if max(map(len, part)) > end or any("\t" in x for x in part):
+        if any("\t" in x or "," in x for x in parts[i]):
+            return None, first + count
+        if i < size - 1:  # marks of continuations that follow at once mean nothing
+            parts[i] = [x[:_MARK_START] for x in parts[i]]
+        if max(map(len, parts[i])) > end:
             return None, first + count
     pairs = zip(parts, fields, strict=True)
     columns = [[x[field] for x in part] for part, own in pairs for field in own]

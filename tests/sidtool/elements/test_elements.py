@@ -11,8 +11,9 @@ import scipy.sparse.linalg
 from numpy.testing import assert_allclose
 from scipy.special import beta
 
+from sidtool.elements import solid_elements
 from sidtool.elements.mesh_contact import ElementFinder
-from sidtool.elements.solid_elements import elasticity
+from sidtool.elements.solid_elements import MatrixSum, elasticity
 from sidtool.elements.solid_mesh import mesh_matrices
 from sidtool.mesh.mesh import Mesh, check_mesh
 from sidtool.mesh.reference_elements import (
@@ -213,3 +214,27 @@ def test_order_of_convergence_on_distorted_blocks(kind: str, relieved: bool) -> 
         errors.append(np.sqrt(np.einsum("ia,ia->", miss, mass @ miss)))
     rate = np.log(errors[0] / errors[1]) / np.log(counts[1] / counts[0])
     assert rate > order + 0.7, errors
+
+
+@pytest.mark.parametrize("entries", [50, 10_000])
+def test_sums_of_element_matrices(
+    entries: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All at once and in many parts, with a node twice in one element, and none in a
+    group."""
+    monkeypatch.setattr(solid_elements, "_ENTRIES_PER_BATCH", entries)
+    monkeypatch.setattr(solid_elements, "_BLOCKS_AT_A_TIME", entries // 10)
+    random, count = np.random.default_rng(2), 9
+    sums, dense = MatrixSum(count, 1, 2), [np.zeros((9, 9)), np.zeros((18, 18))]
+    for number in (5, 0, 7, 4):
+        nodes = random.integers(0, count - 1, (number, 3))
+        groups = []
+        for total, d in zip(dense, (1, 2), strict=True):
+            half = random.normal(size=(number, 3 * d, 3 * d))
+            groups.append(half + np.swapaxes(half, 1, 2))
+            dofs = (nodes[..., None] * d + np.arange(d)).reshape(number, 3 * d)
+            np.add.at(total, (dofs[:, :, None], dofs[:, None]), groups[-1])
+        sums.add(nodes, *groups)
+    for found, expected in zip(sums.total(), dense, strict=True):
+        assert_allclose(found.toarray(), expected, rtol=1e-14, atol=1e-13)
+        assert found.has_canonical_format

@@ -133,6 +133,29 @@ def test_small_and_large_fields_are_free_ones(tmp_path: Path) -> None:
     assert list(small.mesh.node_sets["SPC9"]) == [0, 1, 2]
 
 
+@pytest.mark.parametrize("marks", [("", ""), ("*", "+"), ("*N7", "+E7")])
+def test_marks_of_continuations_right_behind_their_cards(
+    tmp_path: Path, marks: tuple[str, str]
+) -> None:
+    """The form of each mark is free, and many cards are read together."""
+    large, small = marks
+    rows = np.random.default_rng(0).uniform(size=(40, 3)).round(6)
+    lines = ["BEGIN BULK", "PSOLID,7,5", "MAT1,5,2.1+11,,.3,7850."]
+    for n, (x, y, z) in enumerate(rows.tolist(), start=1):
+        lines += [fixed(16, "GRID*", str(n), "", str(x), str(y)) + large]
+        lines += [fixed(16, large or "*", str(z))]
+    for n in range(4):
+        nodes = [str(10 * n + k) for k in range(1, 11)]
+        lines += [fixed(8, "CTETRA", str(n + 1), "7", *nodes[:6]) + small]
+        lines += [fixed(8, small or "+", *nodes[6:])]
+    (tmp_path / "a.bdf").write_text(
+        "\n".join([*lines, "ENDDATA", ""]), encoding="utf-8"
+    )
+    mesh = read_mesh(tmp_path / "a.bdf").mesh
+    assert_allclose(mesh.positions, rows, atol=0)
+    assert sorted(mesh.blocks[0].nodes.ravel()) == list(range(40))
+
+
 @pytest.mark.parametrize(
     ("card", "message"),
     [
