@@ -55,11 +55,11 @@ _WORTH_RAGGED = 0.9
 _DIGITS = 7
 #: Bytes per unknown of the matrices and vectors, and of the factors, which grow in the
 #: plane as log2(n), in space as n^(1/3). Fitted to hexahedra (benchmarks/scale.py); the
-#: factors of tetrahedra are smaller. PARDISO keeps copies of the matrix.
+#: factors of tetrahedra are smaller.
 _BYTES = {
     "superlu": {2: (1100.0, 100.0), 3: (1900.0, 500.0)},
     "cholmod": {2: (1100.0, 50.0), 3: (1900.0, 180.0)},
-    "pardiso": {2: (1100.0, 75.0), 3: (6300.0, 240.0)},
+    "pardiso": {2: (1100.0, 75.0), 3: (5200.0, 220.0)},
     "slepc": {2: (1100.0, 70.0), 3: (1900.0, 180.0)},
 }
 #: Interpreter and libraries.
