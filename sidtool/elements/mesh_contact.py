@@ -384,10 +384,11 @@ def _check_hanging(
     """Check that no node of a free face lies on another element without belonging to
     it.
     """
-    nodes = np.unique(
-        np.concatenate([_all_nodes(mesh, part).ravel() for part in outer])
-    )
-    nodes = np.setdiff1d(nodes, held)
+    is_outer = np.zeros(len(mesh.positions), bool)
+    for part in outer:
+        is_outer[_all_nodes(mesh, part)] = True
+    is_outer[held] = False
+    nodes = np.flatnonzero(is_outer)
     for number, block in enumerate(mesh.blocks):
         rows = np.unique(np.concatenate([p.rows for p in outer if p.block == number]))
         is_hanging = partial(_is_hanging, mesh, block, nodes, finder.radii[number])
