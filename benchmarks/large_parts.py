@@ -1,7 +1,8 @@
 """Parts of quadratic tetrahedra: a reduction beside ten modes by CalculiX.
 
 Gmsh (``pip install gmsh``) makes the meshes, CalculiX is ``ccx`` (Debian package
-calculix-ccx). Both read the same deck with one thread.
+calculix-ccx). Both read the same deck with one thread. Where PyAMG is installed, larger
+meshes follow without factors.
 """
 
 from __future__ import annotations
@@ -12,8 +13,10 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -135,6 +138,11 @@ PARTS = (
         0.0088,
     ),
 )
+#: Meshes for `--engine multigrid`.
+WITHOUT_FACTORS = (
+    PARTS[1],
+    replace(ROD, name="connecting rod, a million", size=0.00129),
+)
 
 
 def run(folder: Path, name: str, say: Callable[[str], None]) -> Report:
@@ -158,16 +166,37 @@ def run(folder: Path, name: str, say: Callable[[str], None]) -> Report:
         f"basis by {engine_name()}, and {MODES} clamped modes by CalculiX."
     )
     remarks = [f"The same meshes of tet10 by Gmsh; f1 to f{MODES} are not compared."]
-    return Report(
-        title, [Table(caption, header, rows, True)], remarks, machine=describe_machine()
-    )
+    tables = [Table(caption, header, rows, True)]
+    if find_spec("pyamg"):
+        rows = [_row_without_factors(part, say) for part in WITHOUT_FACTORS]
+        header = ["part", "unknowns", "processor s", "s", "GB"]
+        caption = "The same by --engine multigrid, on all processors."
+        tables.append(Table(caption, header, rows))
+    return Report(title, tables, remarks, machine=describe_machine())
+
+
+def _row_without_factors(part: Part, say: Callable[[str], None]) -> list[str]:
+    with tempfile.TemporaryDirectory() as place:
+        count = _write_deck(part, Path(place))
+        start = time.perf_counter()
+        seconds, memory = _cost(_conversion(Path(place), "multigrid"), Path(place))
+        elapsed = time.perf_counter() - start
+    row = [part.name, str(3 * count), f"{seconds:.0f}", f"{elapsed:.0f}"]
+    row.append(f"{memory:.1f}")
+    say("  " + ", ".join(row))
+    return row
+
+
+def _conversion(place: Path, *engine: str) -> list[str]:
+    """The command that reduces part.inp, whose model it writes."""
+    (place / "part.json").write_text(json.dumps(_model()), encoding="utf-8")
+    command = [sys.executable, "-m", "sidtool", "convert", "part.json", "-o", "part.h5"]
+    return [*command, *(f"--engine={name}" for name in engine)]
 
 
 def _row(part: Part, place: Path) -> list[str]:
     count = _write_deck(part, place)
-    (place / "part.json").write_text(json.dumps(_model()), encoding="utf-8")
-    own = [sys.executable, "-m", "sidtool", "convert", "part.json", "-o", "part.h5"]
-    mine, theirs = _cost(own, place), _cost(["ccx", "part"], place)
+    mine, theirs = _cost(_conversion(place), place), _cost(["ccx", "part"], place)
     cells = [part.name, str(3 * count)]
     for seconds, memory in (mine, theirs):
         cells += [f"{seconds:.1f}", f"{memory:.2f}"]

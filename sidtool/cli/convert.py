@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 DIALECTS = ("fembs", "pysid", "matmorembs", "fembeam")
 SIGMAS = ("stress", "section force")
-ENGINES = ("cholmod", "pardiso", "superlu", "slepc")
+ENGINES = ("cholmod", "pardiso", "superlu", "slepc", "multigrid")
 #: Environment variables with the number of MPI processes (Open MPI, MPICH).
 _MPI_SIZES = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE")
 
@@ -72,7 +72,9 @@ _MPI_SIZES = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE")
     type=click.Choice(ENGINES),
     help=(
         "Solver for the equations of a model; default the first of these that "
-        "is installed. slepc distributes the work over the processes of mpirun."
+        "is installed. slepc distributes the work over the processes of mpirun; "
+        'multigrid (pip install "sidtool[multigrid]") needs the least memory for '
+        "large solids."
     ),
 )
 @click.option(

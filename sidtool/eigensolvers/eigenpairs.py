@@ -15,6 +15,7 @@ from ..mesh.mesh import Indices
 from ..mesh.quadratic_fields import softest_deformation
 from .factorisation import engine_name, symmetric_factors
 from .lanczos import ACCURATE, Accuracy, Pencil, dominant_vectors, expected_blocks
+from .multigrid import MultigridFactors, multigrid_eigenvectors
 from .projected_matrix import SymmetricMatrix, products_of_magnitudes
 from .slepc import ProgressCounter, notify, slepc_eigenvectors
 
@@ -119,6 +120,7 @@ def lowest_eigenpairs(
     places: Array | None = None,
     static: Solve | None = None,
     accuracy: Accuracy = ACCURATE,
+    multigrid: MultigridFactors | None = None,
 ) -> tuple[Array, Array]:
     """Return the `count` lowest eigenvalues, ascending, and M-orthonormal eigenvectors.
 
@@ -138,6 +140,7 @@ def lowest_eigenpairs(
         and contain no rigid motion (loads are balanced by inertia). By default
         K - shift M is factored, which is not possible with constraints
     accuracy : of the eigenvectors or eigenvalues
+    multigrid : in place of `static`, of K with springs against the rigid motions
 
     Returns
     -------
@@ -167,7 +170,7 @@ def lowest_eigenpairs(
         space = (
             _dense_space(pencil, count)
             if dense
-            else _invariant_space(pencil, count, places, static, accuracy)
+            else _invariant_space(pencil, count, places, static, accuracy, multigrid)
         )
         values, vectors = _ritz_pairs(stiffness, mass, space)
     except (ValueError, RuntimeError, np.linalg.LinAlgError) as error:
@@ -241,10 +244,14 @@ def _invariant_space(
     places: Array | None,
     static: Solve | None,
     accuracy: Accuracy,
+    multigrid: MultigridFactors | None,
 ) -> Array:
     """(n, count) vectors that span the lowest eigenvectors."""
     if engine_name() == "slepc":
         return slepc_eigenvectors(pencil, count)
+    if multigrid is not None:
+        notify("eigenvectors")
+        return multigrid_eigenvectors(pencil, count, multigrid, accuracy)
     known = pencil.rigid.shape[1]
     solve = static or symmetric_factors(pencil.shifted, places).solve
     notify("eigenvectors")

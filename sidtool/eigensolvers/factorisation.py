@@ -30,6 +30,7 @@ from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.interruptible import call_interruptibly
 from sidtool.formats.base.sid import Array
 
+from .multigrid import MultigridFactors, NodalUnknowns
 from .pardiso import PardisoFactors, import_pypardiso
 from .slepc import PetscFactors, check_slepc, notify, requested_engine
 
@@ -38,6 +39,8 @@ Indices = NDArray[np.int64]
 
 #: Equations from which on the expected memory is reported, and of solids the time.
 _LARGE, _SLOW = 10_000, 20_000
+#: Equations from which on multigrid takes less than factors.
+_WORTH_LEVELS = 2_000
 #: Seconds for a factor of a solid, by the square of the number of equations times the
 #: relative thickness, to a factor of two: on one processor of 2024, 76 938 equations of
 #: tet10 and 55 488 of hex8 took 5.4 and 7.7 s by SuperLU, 1.8 and 1.9 s by PARDISO.
@@ -61,6 +64,7 @@ _BYTES = {
     "cholmod": {2: (1100.0, 50.0), 3: (1900.0, 180.0)},
     "pardiso": {2: (1100.0, 75.0), 3: (5200.0, 220.0)},
     "slepc": {2: (1100.0, 70.0), 3: (1900.0, 180.0)},
+    "multigrid": {2: (3000.0, 0.0), 3: (11000.0, 0.0)},
 }
 #: Interpreter and libraries.
 _BASE = 0.15e9
@@ -84,13 +88,18 @@ class Assembled(Protocol):
         """The entries."""
 
 
-def symmetric_factors(matrix: Assembled, places: Array | None = None) -> Factors:
+def symmetric_factors(
+    matrix: Assembled,
+    places: Array | None = None,
+    nodal: NodalUnknowns | None = None,
+) -> Factors:
     """Factorise a symmetric positive definite matrix.
 
     Parameters
     ----------
     places : (n, d) position of each unknown; used by libraries that find no good order
         of elimination themselves
+    nodal : for multigrid; without it, and for few equations, SuperLU takes its place
 
     Raises
     ------
@@ -98,11 +107,15 @@ def symmetric_factors(matrix: Assembled, places: Array | None = None) -> Factors
     RuntimeError, ValueError : the matrix is singular.
     """
     name, count = engine_name(), matrix.shape[0]
+    if name == "multigrid" and (nodal is None or count < _WORTH_LEVELS):
+        name = "superlu"
     costs = ""
     if places is not None and count >= _LARGE:
         costs = f", which may take {expected_gigabytes(places, count):.1f} GB"
         costs += _expected_durations(name, places, count)
     notify(f"factorising {count} equations by {name}{costs}")
+    if name == "multigrid" and nodal is not None:
+        return MultigridFactors(matrix.tocsr(), nodal)
     if name == "superlu":
         return _Superlu(matrix.tocsr(), places)
     return ENGINES[name][1](matrix)
@@ -236,6 +249,7 @@ ENGINES: dict[str, tuple[str, Callable[[Any], Factors]]] = {
     "pardiso": ("pypardiso", PardisoFactors),
     "superlu": ("scipy", _Superlu),
     "slepc": ("slepc4py", PetscFactors),
+    "multigrid": ("pyamg", _Superlu),  # of what has no levels
 }
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -24,12 +24,14 @@ from ..eigensolvers.eigenpairs import (
     rotation_to_axes,
     symmetric_factors,
 )
-from ..eigensolvers.factorisation import Factors
+from ..eigensolvers.factorisation import Factors, engine_name
 from ..eigensolvers.lanczos import ACCURATE, BLOCK_SIZE, Accuracy
+from ..eigensolvers.multigrid import MultigridFactors, NodalUnknowns
 from ..eigensolvers.projected_matrix import ProjectedMatrix
 from ..eigensolvers.slepc import notify
 from ..elements.finite_element_model import FiniteElementModel
 from ..elements.mortar_ties import elimination_matrix
+from ..mesh.reference_elements import element_edges
 from .body_frames import Frame, clamped_dofs, motion_rows
 
 _NO_MOTION = 1e-9
@@ -169,6 +171,7 @@ class AdmissibleSpace:
                 rigid=self.rigid,
                 static=lambda load: self._static.solve(load),
                 accuracy=replace(self.accuracy, next_is_distinct=not all_of_them),
+                multigrid=self.factors.multigrid,
             )
         except InputError:
             self.shift()  # its error may name the cause
@@ -205,17 +208,33 @@ class PinnedFactors:
     them.
     """
 
-    def __init__(self, stiffness: ProjectedMatrix, rigid: Array, places: Array) -> None:
+    def __init__(
+        self,
+        stiffness: ProjectedMatrix,
+        rigid: Array,
+        places: Array,
+        nodal: Callable[[], NodalUnknowns],
+    ) -> None:
+        """`nodal` is called only for multigrid."""
         self._stiffness, self._rigid, self._places = stiffness, rigid, places
+        self._nodal = nodal
 
     def solve(self, load: Array) -> Array:
         """(K + springs)^-1 b for b (n, k)."""
         return self._factors.solve(np.ascontiguousarray(load))
 
+    @property
+    def multigrid(self) -> MultigridFactors | None:
+        """The factors if they are none, but levels of multigrid."""
+        if engine_name() != "multigrid":
+            return None
+        return self._factors if isinstance(self._factors, MultigridFactors) else None
+
     @cached_property
     def _factors(self) -> Factors:
         matrix = _PinnedMatrix(self._stiffness, self._rigid)
-        return symmetric_factors(matrix, self._places)
+        nodal = self._nodal() if engine_name() == "multigrid" else None
+        return symmetric_factors(matrix, self._places, nodal)
 
 
 class _PinnedMatrix:
@@ -310,8 +329,42 @@ def space_without_conditions(
             model.stiffness, model.mass, model.positions, model.place_table
         )
 
-    factors = PinnedFactors(parts["stiffness"], parts["rigid"], places)
+    factors = PinnedFactors(
+        parts["stiffness"],
+        parts["rigid"],
+        places,
+        partial(_nodal_unknowns, parts["transform"], model, frame),
+    )
     return AdmissibleSpace(**parts, shift=shift, places=places, factors=factors)
+
+
+def _nodal_unknowns(
+    transform: sp.csr_matrix, model: FiniteElementModel, frame: Frame
+) -> NodalUnknowns:
+    """Return the displacements that the unknowns are, and how they move rigidly."""
+    single = np.diff(transform.indptr) == 1
+    for nodes in model.rigid_sets.values():
+        single[model.dofs(nodes)] = False
+    rows = np.flatnonzero(single)
+    rows = rows[transform.data[transform.indptr[rows]] == 1.0]
+    unknown = transform.indices[transform.indptr[rows]]
+    table = model.table[:, : model.dimension]
+    node, axis = np.full((2, model.ndof + 1), -1)
+    node[table], axis[table] = np.arange(len(table))[:, None], np.arange(len(table[0]))
+    rows, unknown = (x[node[rows] >= 0][::-1] for x in (rows, unknown))
+    node_of, axis_of = np.full((2, transform.shape[1]), -1)
+    node_of[unknown], axis_of[unknown] = node[rows], axis[rows]
+    modes = model.rigid_body_modes(frame.origin).real
+    motions = np.zeros((transform.shape[1], modes.shape[1]))
+    motions[unknown] = modes[rows]
+    middles = [
+        block.nodes[:, [middle, a, b]].T
+        for block in (model.solids.mesh.blocks if model.solids else ())
+        for a, b, middle in element_edges(block.kind)
+        if middle >= 0
+    ]
+    none = np.zeros((3, 0), np.int64)
+    return NodalUnknowns(node_of, axis_of, motions, np.hstack([none, *middles]))
 
 
 def reduced_matrices(

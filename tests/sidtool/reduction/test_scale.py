@@ -26,11 +26,16 @@ from ..bodies import SOLIDS, volume
 from ..models import rod
 
 #: The package of an engine, but of that which SciPy has.
-PACKAGE = {"cholmod": "sksparse", "pardiso": "pypardiso", "slepc": "slepc4py"}
+PACKAGE = {
+    "cholmod": "sksparse",
+    "pardiso": "pypardiso",
+    "slepc": "slepc4py",
+    "multigrid": "pyamg",
+}
 INSTALLED = [
     pytest.param(name, marks=pytest.mark.needs(PACKAGE[name]))
     for name in ENGINES
-    if name in PACKAGE
+    if name in PACKAGE and name != "multigrid"
 ] + ["superlu"]
 
 
