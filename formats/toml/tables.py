@@ -21,7 +21,7 @@ from __future__ import annotations
 import json
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from inspect import Signature
 from typing import (
     TYPE_CHECKING,
@@ -132,6 +132,12 @@ def _require_tags(schema: dict[str, Any], model: type[BaseModel]) -> None:
         schema["required"] = list(dict.fromkeys([name, *schema.get("required", [])]))
 
 
+def _derived_from(kind: type[Table]) -> Iterator[type[Table]]:
+    for one in kind.__subclasses__():
+        yield one
+        yield from _derived_from(one)
+
+
 class _DeferredSignature:
     """Signature of a table, which is built when somebody asks for its keys."""
 
@@ -168,6 +174,13 @@ class Table(_Checked):
         super().__pydantic_init_subclass__(**options)
         if not cls.__pydantic_complete__:
             cls.__signature__ = _DeferredSignature()  # type: ignore[assignment]
+
+    @classmethod
+    def model_json_schema(cls, *arguments: Any, **options: Any) -> dict[str, Any]:
+        """JSON Schema, which writes defaults by what is else built on first use."""
+        for kind in _derived_from(Table):
+            kind.model_rebuild(raise_errors=False)
+        return super().model_json_schema(*arguments, **options)
 
     @classmethod
     def checked(cls, data: Mapping[str, Any], source: str | os.PathLike[str]) -> Self:
