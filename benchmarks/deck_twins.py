@@ -17,8 +17,8 @@ import numpy as np
 from scipy.linalg import LinAlgError, eigh
 
 from sidtool.elements.finite_element_model import FiniteElementModel
+from sidtool.elements.matrix_sums import MatrixSum
 from sidtool.elements.solid_elements import (
-    MatrixSum,
     elasticity,
     element_mass,
     element_stiffness,

@@ -19,7 +19,7 @@ from sidtool.formats.base.sid import Array
 from sidtool.formats.model.geometry import MeshGeometry, Morph
 
 from ..eigensolvers.factorisation import symmetric_factors
-from ..elements.solid_elements import MatrixSum
+from ..elements.matrix_sums import MatrixSum
 from ..elements.solid_mesh import element_batches
 from ..mesh.connections import NamedSets
 from ..mesh.imported_mesh import ImportedMesh

@@ -32,6 +32,7 @@ from sidtool.formats.base.sid import Array
 
 from .multigrid import MultigridFactors, NodalUnknowns
 from .pardiso import PardisoFactors, import_pypardiso
+from .projected_matrix import Assembled
 from .slepc import PetscFactors, check_slepc, notify, requested_engine
 
 Indices = NDArray[np.int64]
@@ -75,17 +76,6 @@ class Factors(Protocol):
 
     def solve(self, load: Array) -> Array:
         """A^-1 b for b (n,) or (n, k)."""
-
-
-class Assembled(Protocol):
-    """Protocol of a matrix that may be written out only when it is factorised."""
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Numbers of rows and columns."""
-
-    def tocsr(self) -> sp.csr_matrix:
-        """The entries."""
 
 
 def symmetric_factors(

@@ -24,6 +24,8 @@ from numpy.typing import NDArray
 from sidtool.formats.base.interruptible import call_interruptibly
 from sidtool.formats.base.sid import Array
 
+from .projected_matrix import Assembled
+
 #: A positive definite symmetric matrix of real numbers.
 _MATRIX_TYPE = 2
 #: Phases: analysis and factorisation, solution, release of all memory.
@@ -73,14 +75,9 @@ def _installed_library() -> str | None:
 
 
 class PardisoFactors:
-    """Cholesky factors of the upper triangle of a symmetric matrix.
+    """Cholesky factors of the upper triangle of a symmetric matrix."""
 
-    Parameters
-    ----------
-    matrix : see `factorisation.Assembled`
-    """
-
-    def __init__(self, matrix: Any) -> None:
+    def __init__(self, matrix: Assembled) -> None:
         self._function = import_pypardiso().ps.libmkl["pardiso"]
         self._function.restype = None
         self._matrix = _upper_triangle(matrix.tocsr())

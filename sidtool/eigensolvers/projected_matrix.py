@@ -11,21 +11,25 @@ from numpy.typing import NDArray
 from sidtool.formats.base.sid import Array
 
 
-class SymmetricMatrix(Protocol):
-    """Protocol of `ProjectedMatrix` and sparse matrices."""
+class Assembled(Protocol):
+    """Protocol of a matrix that may be written out only when it is factorised."""
 
     @property
     def shape(self) -> tuple[int, int]:
         """Numbers of rows and columns."""
+
+    def tocsr(self) -> sp.csr_matrix:
+        """The entries."""
+
+
+class SymmetricMatrix(Assembled, Protocol):
+    """Protocol of `ProjectedMatrix` and sparse matrices."""
 
     def __matmul__(self, vectors: Array) -> Array:
         """Products with vectors (n, ...)."""
 
     def diagonal(self) -> Array:
         """(n,) the diagonal."""
-
-    def tocsr(self) -> sp.csr_matrix:
-        """The entries."""
 
 
 class ProjectedMatrix:
@@ -49,7 +53,9 @@ class ProjectedMatrix:
 
     def diagonal(self) -> Array:
         """(n,) the diagonal."""
-        return np.asarray(self.tocsr().diagonal())
+        number, count, below = self._parts()
+        plain = self._matrix.diagonal()[number >= 0]
+        return np.concatenate([plain, below.diagonal(count)])
 
     def products_of_magnitudes(self, vectors: Array) -> Array:
         """Products of the absolute values of the entries with vectors (n, k)."""

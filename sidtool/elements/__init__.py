@@ -3,6 +3,7 @@
 finite_element_model   the discretised body that every discretisation yields
 material_points        strains and stresses at quadrature points
 solid_elements         stiffness and mass, reduced integration, incompatible modes
+matrix_sums            element matrices added up in sparse ones
 solid_mesh             matrices of a mesh, inertia of incompatible modes
 markers                rows of markers in meshes and patches
 faces                  surfaces, faces and their common parts

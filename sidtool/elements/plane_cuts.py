@@ -23,7 +23,8 @@ from ..geometry.nurbs_patch import NurbsPatch, breakpoints, scattered_basis
 from ..mesh.mesh import ElementBlock, Mesh
 from ..mesh.reference_elements import quadrature_rule, reference_element, shape_of
 from .material_points import Continuum
-from .solid_elements import ElementBatch, MatrixSum, element_mass, internal_values
+from .matrix_sums import MatrixSum
+from .solid_elements import ElementBatch, element_mass, internal_values
 from .solid_mesh import InternalInertia, SolidMesh, element_batches, has_internal_modes
 
 Indices = NDArray[np.int64]

@@ -27,11 +27,11 @@ from ..mesh.reference_elements import (
     reference_element,
 )
 from .material_points import Continuum, make_continuum
+from .matrix_sums import MatrixSum
 from .solid_elements import (
     KINDS_ALWAYS_INCOMPATIBLE,
     KINDS_WITH_INCOMPATIBLE_MODES,
     ElementBatch,
-    MatrixSum,
     add_elements,
     elasticity,
     element_mass,

@@ -27,7 +27,7 @@ from ..eigensolvers.eigenpairs import (
 from ..eigensolvers.factorisation import Factors, engine_name
 from ..eigensolvers.lanczos import ACCURATE, BLOCK_SIZE, Accuracy
 from ..eigensolvers.multigrid import MultigridFactors, NodalUnknowns
-from ..eigensolvers.projected_matrix import ProjectedMatrix
+from ..eigensolvers.projected_matrix import ProjectedMatrix, SymmetricMatrix
 from ..eigensolvers.slepc import notify
 from ..elements.finite_element_model import FiniteElementModel
 from ..elements.mortar_ties import elimination_matrix
@@ -61,8 +61,8 @@ class AdmissibleSpace:
     """
 
     transform: sp.csr_matrix
-    stiffness: ProjectedMatrix
-    mass: ProjectedMatrix
+    stiffness: SymmetricMatrix
+    mass: SymmetricMatrix
     constraints: Array
     rigid: Array
     constrained_rigid_motions: Array
@@ -238,7 +238,7 @@ class PinnedFactors:
 
 
 class _PinnedMatrix:
-    """K with springs, see `factorisation.Assembled`."""
+    """K with springs, see `projected_matrix.Assembled`."""
 
     def __init__(self, stiffness: ProjectedMatrix, rigid: Array) -> None:
         self._stiffness, self._rigid = stiffness, rigid

@@ -153,9 +153,10 @@ def complex_step_space(
     plain = nominal.get(fixed)
     held = clamped_dofs(body, frame, fixed)
     parts = reduced_matrices(body, held, frame)
-    stiffness, change = parts["stiffness"].tocsr(), None
-    if np.iscomplexobj(stiffness):
-        change = sp.csr_matrix(stiffness.imag)
+    parts |= {name: parts[name].tocsr() for name in ("stiffness", "mass")}
+    change = None
+    if np.iscomplexobj(parts["stiffness"]):
+        change = sp.csr_matrix(parts["stiffness"].imag)
     space = ComplexStepSpace(
         **parts,
         shift=plain.space.shift,

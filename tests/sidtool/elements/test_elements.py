@@ -11,9 +11,10 @@ import scipy.sparse.linalg
 from numpy.testing import assert_allclose
 from scipy.special import beta
 
-from sidtool.elements import solid_elements
+from sidtool.elements import matrix_sums
+from sidtool.elements.matrix_sums import MatrixSum
 from sidtool.elements.mesh_contact import ElementFinder
-from sidtool.elements.solid_elements import MatrixSum, elasticity
+from sidtool.elements.solid_elements import elasticity
 from sidtool.elements.solid_mesh import mesh_matrices
 from sidtool.mesh.mesh import Mesh, check_mesh
 from sidtool.mesh.reference_elements import (
@@ -222,8 +223,8 @@ def test_sums_of_element_matrices(
 ) -> None:
     """All at once and in many parts, with a node twice in one element, and none in a
     group."""
-    monkeypatch.setattr(solid_elements, "_ENTRIES_PER_BATCH", entries)
-    monkeypatch.setattr(solid_elements, "_BLOCKS_AT_A_TIME", entries // 10)
+    monkeypatch.setattr(matrix_sums, "_ENTRIES_PER_BATCH", entries)
+    monkeypatch.setattr(matrix_sums, "_BLOCKS_AT_A_TIME", entries // 10)
     random, count = np.random.default_rng(2), 9
     sums, dense = MatrixSum(count, 1, 2), [np.zeros((9, 9)), np.zeros((18, 18))]
     for number in (5, 0, 7, 4):

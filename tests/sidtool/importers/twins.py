@@ -15,7 +15,8 @@ from sidtool.elements.faces import named_surface
 from sidtool.elements.finite_element_model import FiniteElementModel
 from sidtool.elements.markers import MeshPoints
 from sidtool.elements.material_points import stress_rows
-from sidtool.elements.solid_elements import MatrixSum, element_mass, mapped_batch
+from sidtool.elements.matrix_sums import MatrixSum
+from sidtool.elements.solid_elements import element_mass, mapped_batch
 from sidtool.elements.solid_mesh import SolidMesh, mesh_continua, mesh_matrices
 from sidtool.formats.sid_mass import skew
 from sidtool.importers.calculix_engine import free_deck, run_calculix
