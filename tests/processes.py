@@ -6,9 +6,11 @@ there each is new.
 
 from __future__ import annotations
 
+import faulthandler
 import io
 import multiprocessing
 import os
+import signal
 import sys
 import tempfile
 import time
@@ -47,6 +49,7 @@ def _run(code: str, folder: str, output: str) -> None:
         os.close(file)
         stream = io.TextIOWrapper(os.fdopen(number, "wb", closefd=False), "utf-8")
         setattr(sys, name, stream)
+    faulthandler.enable()
     exec(code, {"__name__": "__main__"})
 
 
@@ -111,8 +114,14 @@ class PythonProcess:
         os.kill(self._process.pid, number)
 
     def wait(self) -> Ended:
-        """Wait for its end; the exit status is negative after a signal."""
+        """Wait for its end; the exit status is negative after a signal.
+
+        One that goes on is ended, and says where it was.
+        """
         self._process.join(60.0)
+        if hangs := self.is_alive():
+            self.send_signal(signal.SIGABRT)
+            self._process.join(10.0)
         output, errors = self.read("stdout"), self.read("stderr")
-        assert self._process.exitcode is not None, errors
+        assert not hangs and self._process.exitcode is not None, errors
         return Ended(self._process.exitcode, output, errors)

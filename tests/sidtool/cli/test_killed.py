@@ -21,7 +21,8 @@ from tests.codes import unwrapped
 from tests.places import SLIDER_CRANK, posix
 from tests.processes import Ended, PythonProcess
 
-#: The command line, stopped in the midst of writing its output.
+#: The command line, stopped in the midst of writing its output. It sleeps in pieces: a
+#: signal just before a call to sleep is answered after that call only.
 STOPPED = """
 import os, sys, time
 from importlib import import_module
@@ -31,7 +32,8 @@ module = import_module({module!r})
 
 def stop(*arguments, **more):
     print("writing", flush=True)
-    time.sleep(60)
+    for _ in range(6000):
+        time.sleep(0.01)
 
 {stop} = stop
 sys.argv[1:] = {arguments!r}
