@@ -465,7 +465,7 @@ class LinearisedRun:
 
         Raises
         ------
-        NotLinearisable : the iteration does not converge.
+        NotLinearisable : the iteration does not converge, or has no number as result.
         """
         A, tableau, s = self.A, radau_tableau(self.s), self.s
         pairs, eigenvalues = (tableau.TI, tableau.T), tableau.complex_eigenvalues
@@ -494,6 +494,8 @@ class LinearisedRun:
         )
         if status != 0:
             raise NotLinearisable("steps in which the equations change too much")
+        if not np.isfinite(stages).all():  # the norm of the iteration skips NaN
+            raise NotLinearisable("equations whose derivatives are no numbers")
         return stages.reshape(n, count, s, size), starts.reshape(n, count, size)
 
 

@@ -15,7 +15,7 @@ import sidtool
 from sidtool.api.motion_problem import Point, RunOptions
 from sidtool.api.sensitivity import parse_problem
 from sidtool.sensitivity.seeds import functional_seeds, linear_functional
-from sidtool.solver.simulation.linearised_run import LinearisedRun
+from sidtool.solver.simulation.linearised_run import LinearisedRun, NotLinearisable
 from sidtool.solver.simulation.motion_derivatives import MotionDerivatives
 from tests.places import EXAMPLES
 from tests.steel_bars import steel_bar
@@ -103,6 +103,9 @@ def test_adjoint_and_direct_are_transposes() -> None:
         pair = [point.neighbour_along(one, e * value) for e in (1e-5, -1e-5)]
         change = derivatives.parameter_change((pair[0], pair[1]), 1e-5 * value, value)
         changes.append(change)
+    undefined = replace(changes[0], start=changes[0].start * np.nan)
+    with pytest.raises(NotLinearisable):
+        derivatives.direct([undefined])
     z, v = derivatives.direct(changes)
     states = np.concatenate([z[:, : run.nz], v], axis=1)
     seeds = np.random.default_rng(0).standard_normal((*states.shape[:2], 2))
