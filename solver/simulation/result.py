@@ -261,9 +261,9 @@ def _constraint_deformation_notes(run: Run) -> Iterator[Diagnostic]:
 
 
 def _initial_samples(run: Run) -> Samples:
-    """The start, with accelerations."""
+    """The start, with accelerations; projected as a copy, as later runs begin there."""
     t, start = np.array([run.system.scene.time.start]), run.start.initial
-    return run.recorder.sampler.sample(t, start.z[None], start.v[None])
+    return run.recorder.sampler.sample(t, start.z[None].copy(), start.v[None].copy())
 
 
 def _counters(run: Run) -> dict[str, Any]:

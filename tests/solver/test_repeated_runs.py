@@ -81,3 +81,15 @@ def test_runs_of_one_system_are_those_of_new_ones(
     assert_same(again, first)
     assert_same(new_first, first)
     assert_same(new_rough, rough)
+
+
+def test_diagnostics_leave_the_start_of_a_system() -> None:
+    """Samples project states in place; those of the next run are none of them."""
+    system = beam()
+    result = simulate(system)
+    start = system.cached(run_summary.initialise).start
+    start.z[:] += 1e-9  # the pin is open, and a projection closes it
+    z, v = start.z.copy(), start.v.copy()
+    assert result.diagnostics
+    np.testing.assert_array_equal(start.z, z)
+    np.testing.assert_array_equal(start.v, v)
