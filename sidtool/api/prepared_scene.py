@@ -6,8 +6,10 @@ cheapest model for a requested accuracy, compilation.
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +18,7 @@ from sidtool.formats.diagnostics import Diagnostic
 from sidtool.formats.result import Result, Sink
 from sidtool.formats.scene import SceneFile
 from sidtool.solver import compile_scene
+from sidtool.solver.system.body_data import read_sids
 from sidtool.solver.system.system import System
 
 from ..accuracy.options import plan_for
@@ -53,6 +56,24 @@ class PreparedScene:
     def certified(self, sink: Sink) -> Sink:
         """Return a sink that writes the errors of the outputs with the result."""
         return sink if self.plan is None else self.plan.certified(sink)
+
+
+@lru_cache(maxsize=1)
+def _compiled(
+    content: bytes, sids: tuple[tuple[str, SID], ...], accept_defects: bool
+) -> System:
+    """Compile a scene, or return the last system if content and SIDs are the same.
+
+    Runs do not change a system, and neither do changes of the scene: it has a copy.
+
+    Parameters
+    ----------
+    content : the pickled scene
+    sids : of all bodies that have one; they are immutable
+    """
+    return compile_scene(
+        pickle.loads(content), sids=dict(sids), accept_defects=accept_defects
+    )
 
 
 def prepare_scene(
@@ -99,5 +120,11 @@ def prepare_scene(
     chosen: Mapping[str, SID] = replaced
     if plan is not None:
         scene, chosen, notes = plan.scene, dict(plan.sids), [*notes, *plan.diagnostics]
-    system = compile_scene(scene, folder, chosen, accept_defects, drives, forces=forces)
+    known = read_sids(scene, folder, chosen)
+    if drives or forces:
+        system = compile_scene(
+            scene, folder, known, accept_defects, drives, forces=forces
+        )
+    else:
+        system = _compiled(pickle.dumps(scene), tuple(known.items()), accept_defects)
     return PreparedScene(system, tuple(notes), plan)

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 import sidtool
+from sidtool.api import prepared_scene
 from sidtool.api.compiled_scene import CompiledScene
 from sidtool.formats.base.sid import SID, Taylor
 from sidtool.formats.toml.files import File
@@ -305,3 +306,31 @@ def test_changes_of_endless_sequences_are_taken_as_they_are_needed() -> None:
         next(results)
     results.close()
     assert len(taken) < 15
+
+
+def test_simulate_compiles_the_same_content_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Content and SIDs decide, not objects: changes in place are seen."""
+    compiled = list[dict[str, Any]]()
+
+    def compile_scene(*given: Any, **named: Any) -> Any:
+        compiled.append(named)
+        return find(*given, **named)
+
+    find = prepared_scene.compile_scene
+    monkeypatch.setattr(prepared_scene, "compile_scene", compile_scene)
+    prepared_scene._compiled.cache_clear()
+    scene = sidtool.Scene.load(FOUNDING / "slider_crank.toml", {"time.end": 0.02})
+    first = scene.simulate()
+    twin = sidtool.Scene.load(FOUNDING / "slider_crank.toml", {"time.end": 0.02})
+    np.testing.assert_array_equal(twin.simulate().values, first.values)
+    assert len(scene.simulate(rtol=1e-4).t) and len(compiled) == 1
+    heavier = scene.with_({"piston.mass": 7.0})
+    scene.bodies["piston"] = heavier.bodies["piston"]
+    changed = scene.simulate()
+    assert len(compiled) == 2 and (changed.values != first.values).any()
+    np.testing.assert_array_equal(heavier.simulate().values, changed.values)
+    sid = replace(first.sids["rod"], De=Taylor(np.zeros((5, 5))))
+    scene.simulate(sids={"rod": sid})
+    assert [named["sids"]["rod"] is sid for named in compiled] == [False, False, True]
