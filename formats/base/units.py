@@ -79,7 +79,7 @@ _NAMES = "|".join(
     for name in sorted(_UNITS, key=len, reverse=True)
 )
 #: A unit with its power, or one of 1 / ( ).
-_TOKEN = re.compile(rf"({_NAMES})(?:\s*\^?\s*(-?\d+))?|1(?=\s*/)|[/()]")
+_TOKEN = re.compile(rf"({_NAMES})(?:\s*\^?\s*(-?[0-9]+))?|1(?=\s*/)|[/()]")
 
 
 def parse_unit(text: str) -> Unit | None:

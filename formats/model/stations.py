@@ -1,7 +1,6 @@
 """Cross-sections of a beam by stations: a table of stiffness and mass over the axis."""
 
 import csv
-import math
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import Any, Literal, Self
 from pydantic import model_validator
 
 from ..base.errors import InputError
+from ..base.numbers import real_of_text
 from ..base.units import Exponents, parse_unit
 from ..storage.atomic import atomic_path
 from ..storage.unreadable import read_text
@@ -278,16 +278,13 @@ def _numbers_of_row(row: list[str], count: int) -> Row:
     values = []
     for cell in row:
         try:
-            value = float(cell)
+            values.append(real_of_text(cell))
         except ValueError:
-            value = math.nan
-        if not math.isfinite(value):
             raise InputError(
                 f"found {cell.strip()!r}",
                 place=f"row {','.join(row)[:40]}",
                 expected="a number with a decimal point",
-            )
-        values.append(value)
+            ) from None
     return tuple(values)
 
 

@@ -3,6 +3,7 @@
 from itertools import pairwise
 
 from ..base.errors import InputError
+from ..base.numbers import is_label
 from ..toml.expressions import check_names, lookups
 from .base import Time
 from .bodies import SidBody
@@ -315,7 +316,7 @@ def check_two_bodies(texts: tuple[str, str], place: str) -> None:
 
 def _check_marker_of_sid(body: SidBody, marker: str, name: str, place: str) -> None:
     """A name that is no marker may still be a node; only numbers are let through."""
-    if marker not in body.markers and not marker.isdigit():
+    if marker not in body.markers and not is_label(marker):
         expected = (
             expected_names(marker, body.markers, "marker") + ", or a node's number"
         )

@@ -101,13 +101,13 @@ INSTANTANEOUS = ("kinetic", "elastic", "potential", "x", "y", "z")
 INPUTS = "inputs"
 #: Names that no part of a scene may have.
 RESERVED = frozenset(["ground", INPUTS, *SCENE_QUANTITIES])
-ELASTIC = re.compile(r"(q|vq)([1-9]\d*|\*)")
+ELASTIC = re.compile(r"(q|vq)([1-9][0-9]*|\*)")
 #: An elastic coordinate or its velocity by its kind, see `motion_kinds`.
 KIND = re.compile(
-    r"(v?)((?:bending|axial|torsion|mainly)_[xyz][1-9]\d*"
-    r"|mixed_x?y?z?[1-9]\d*|torsion[1-9]\d*)"
+    r"(v?)((?:bending|axial|torsion|mainly)_[xyz][1-9][0-9]*"
+    r"|mixed_x?y?z?[1-9][0-9]*|torsion[1-9][0-9]*)"
 )
-MULTIPLIER = re.compile(r"f[1-9]\d*")
+MULTIPLIER = re.compile(r"f[1-9][0-9]*")
 RATE = "_rate"
 #: Of a force: what scales it; and what stands before the name of a state of its law.
 VALUE, STATE = "value", "state"

@@ -6,7 +6,6 @@ Tables of values over one or two variables, which formulas look up.
 """
 
 import csv
-import math
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -16,6 +15,7 @@ import numpy as np
 from pydantic import ModelWrapValidatorHandler, PrivateAttr, model_validator
 
 from ..base.errors import InputError
+from ..base.numbers import real_of_text
 from ..base.units import column_factor, is_known_unit, split_unit
 from ..diagnostics import diagnose
 from ..diagnostics.record import warn_of
@@ -235,9 +235,10 @@ def _index(column: Column, default: int, header: list[str], width: int) -> int:
 def is_finite_number(text: str) -> bool:
     """Return whether a cell of a table holds a finite number."""
     try:
-        return math.isfinite(float(text))
+        real_of_text(text)
     except ValueError:
         return False
+    return True
 
 
 def _read_hdf5(path: Path, columns: Sequence[Column]) -> list[SignalColumn]:

@@ -38,7 +38,7 @@ _MANY = ("min", "max")
 LOOKUPS = ("lookup1", "lookup2")
 #: Each part takes all it can and gives nothing back: the time is linear in the text.
 _TOKEN = re.compile(
-    r"\s*+(?:(?P<number>(?:\d++\.?+\d*+|\.\d++)(?:[eE][+-]?\d++)?+)(?![\w.])"
+    r"\s*+(?:(?P<number>(?:[0-9]++\.?+[0-9]*+|\.[0-9]++)(?:[eE][+-]?[0-9]++)?+)(?![\w.])"
     r"|(?P<name>[^\W\d]\w*+(?:\.\w++)*+)"
     r"|'(?P<quoted>[^']++)'|\"(?P<quoted2>[^\"]++)\""
     r"|(?P<operator>\*\*|[-+*/^(),]))"

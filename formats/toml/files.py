@@ -22,7 +22,7 @@ from .messages import nearest_key
 from .reading import PARAMETERS, TABLES, Formulas, read_data, with_formulas
 from .tables import Field, Table, Takes, named_object, to_plain, toml_text
 
-_PART = re.compile(r"\.?([^.\[\]]+)|\[(\d+)\]")
+_PART = re.compile(r"\.?([^.\[\]]+)|\[([0-9]+)\]")
 
 
 class Diagnostics(Table):

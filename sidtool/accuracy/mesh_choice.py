@@ -20,6 +20,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sidtool.formats.base.errors import InputError, TooManyModes
+from sidtool.formats.base.numbers import is_label
 from sidtool.formats.base.progress import EqualStages, count_within
 from sidtool.formats.base.sid import SID, Array
 from sidtool.formats.diagnostics import Diagnostic, diagnose
@@ -261,7 +262,7 @@ class _Search:
         body that is loaded by its inertia only, these are all nodes with markers.
         """
         loaded = loaded_nodes(self.scene, name).values()
-        nodes = tuple(sorted(int(node) for node in loaded if node.isdecimal()))
+        nodes = tuple(sorted(int(node) for node in loaded if is_label(node)))
         if not nodes:
             markers = self.sources[name].model.markers.values()
             nodes = tuple(sorted(marker.node for marker in markers))

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.numbers import is_label
 from sidtool.formats.base.sid import SID
 from sidtool.formats.base.stress import FIRST_PEAK_NODE
 from sidtool.formats.diagnostics import Diagnostic, diagnose
@@ -157,7 +158,7 @@ def _default_markers(model: ModelFile) -> list[str]:
 
 def _is_peak_node(node_id: str, sid: SID) -> bool:
     """Return whether a conversion added a node where the stress is largest."""
-    added = bool(sid.has_peak_nodes) and node_id.isdecimal()
+    added = bool(sid.has_peak_nodes) and is_label(node_id)
     return added and int(node_id) >= FIRST_PEAK_NODE
 
 

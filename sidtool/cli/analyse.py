@@ -5,6 +5,8 @@ from typing import Any
 
 import click
 
+from sidtool.formats.base.numbers import real_of_text
+
 from .common import (
     Target,
     changes_option,
@@ -240,10 +242,10 @@ def _order(text: str) -> float:
     click.BadParameter : it is not positive.
     """
     try:
-        order = float(text)
+        order = real_of_text(text)
     except ValueError:
         order = 0.0
-    if not 0.0 < order < float("inf"):
+    if not order > 0.0:
         message = f"found {text!r}, expected numbers above 0 such as 1,3"
         raise click.BadParameter(message, param_hint="--orders")
     return order

@@ -11,12 +11,14 @@ from collections.abc import Callable, Container, Iterable, Sequence
 from contextlib import redirect_stdout
 from dataclasses import dataclass
 from functools import update_wrapper
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
 import click
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.numbers import is_plain
 from sidtool.formats.file_names import (
     INSTEAD,
     OUTPUT_KINDS,
@@ -37,6 +39,31 @@ if TYPE_CHECKING:
     from sidtool.solver.system.errors import SimulationError
 
     from ..api.scene import Scene
+
+
+class _DecimalNumber(click.ParamType):
+    """A finite number, without the further forms that `int` and `float` convert."""
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> Any:
+        number = super().convert(value, param, ctx)
+        if not isfinite(number) or (isinstance(value, str) and not is_plain(value)):
+            self.fail(f"{value!r} is not a finite number.", param, ctx)
+        return number
+
+
+class Real(_DecimalNumber, click.types.FloatParamType):
+    """A number."""
+
+
+class RealRange(_DecimalNumber, click.FloatRange):
+    """A number with limits."""
+
+
+class IntegerRange(_DecimalNumber, click.IntRange):
+    """An integer with limits."""
+
 
 existing_file = click.Path(path_type=Path)
 output_path = click.Path(path_type=Path)
@@ -75,7 +102,7 @@ force_option = click.option(
 
 threads_option = click.option(
     "--jobs",
-    type=click.IntRange(min=1),
+    type=IntegerRange(min=1),
     help="Number of threads; default one per core.",
 )
 

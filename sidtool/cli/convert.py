@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from .common import (
+    RealRange,
     Target,
     changes_option,
     check_targets,
@@ -398,7 +399,7 @@ def _rescale_sid(sid: Any, units: str, sigma: Any) -> Any:
 )
 @click.option(
     "--length",
-    type=click.FloatRange(min=0.0, min_open=True),
+    type=RealRange(min=0.0, min_open=True),
     help="Length of the beam in m, if the positions of the file are fractions.",
 )
 @click.option(

@@ -15,6 +15,7 @@ import click
 from sidtool.formats.base.errors import InputError
 
 from .common import (
+    Real,
     Target,
     changes_option,
     check_targets,
@@ -298,10 +299,10 @@ def _print_peaks(peaks: dict[str, StressPeak], as_json: bool) -> None:
 @click.option(
     "--integrator", help="radau5, radau9 or radau13; default as in the scene."
 )
-@click.option("--rtol", type=float, help="Relative tolerance of a step.")
+@click.option("--rtol", type=Real(), help="Relative tolerance of a step.")
 @click.option(
     "--step",
-    type=float,
+    type=Real(),
     help="Fixed step [s] in place of the error control, for real time.",
 )
 @click.option(

@@ -5,6 +5,7 @@ from pathlib import Path
 import click
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.numbers import real_of_text
 
 from .analyse import ACCEPT_DEFECTS_OPTION, run_analysis
 from .common import (
@@ -245,7 +246,7 @@ def parse_about(text: str) -> str | float:
     if text in ("static", "start"):
         return text
     try:
-        return float(text)
+        return real_of_text(text)
     except ValueError:
         message = f"found {text!r}, expected static, start or a time [s]"
         raise click.BadParameter(message, param_hint="--about") from None

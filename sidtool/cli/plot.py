@@ -12,6 +12,7 @@ from sidtool.formats.base.errors import InputError
 from sidtool.formats.file_names import kind_by_ending
 
 from .common import (
+    Real,
     Target,
     check_targets,
     existing_file,
@@ -226,7 +227,7 @@ def report(result: Path, output: Path, fields: tuple[str, ...], force: bool) -> 
 )
 @click.option(
     "--scale",
-    type=float,
+    type=Real(),
     metavar="FACTOR",
     help=(
         "Magnification of elastic deformations; default one that makes them visible."

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import click
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.numbers import real_of_text
 
 from .common import (
     Target,
@@ -437,7 +438,7 @@ def _parse_range(text: str) -> tuple[str, tuple[float, float]]:
     key, _, rest = text.partition("=")
     low, _, high = rest.partition(":")
     try:
-        numbers = float(low), float(high)
+        numbers = real_of_text(low), real_of_text(high)
     except ValueError:
         numbers = 1.0, 0.0
     if not (key and numbers[0] < numbers[1]):

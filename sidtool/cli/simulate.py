@@ -17,6 +17,7 @@ from sidtool.formats.storage.operating_system import ENDING_SIGNALS
 
 from ..api.interrupts import StopRequest, stop_on_signals
 from .common import (
+    Real,
     Target,
     changes_option,
     check_targets,
@@ -58,7 +59,7 @@ if TYPE_CHECKING:
     metavar="NAME",
     help="radau9 (default), auto, ...; see `sidtool schema scene`.",
 )
-@click.option("--rtol", type=float, help="Relative tolerance, for example 1e-6.")
+@click.option("--rtol", type=Real(), help="Relative tolerance, for example 1e-6.")
 @click.option(
     "--accuracy",
     "accuracy",
@@ -70,10 +71,10 @@ if TYPE_CHECKING:
         "selected outputs, several times."
     ),
 )
-@click.option("--step", type=float, help="Fixed step in seconds, no error control.")
+@click.option("--step", type=Real(), help="Fixed step in seconds, no error control.")
 @click.option(
     "--spectral-radius",
-    type=float,
+    type=Real(),
     metavar="RHO",
     help=(
         "Of generalised_alpha, 0 to 1: factor per step on the amplitude of "

@@ -22,6 +22,8 @@ from sidtool.formats.text import counted_noun
 
 from ..api.interrupts import stop_on_signals
 from .common import (
+    IntegerRange,
+    Real,
     changes_option,
     check_targets,
     existing_file,
@@ -79,7 +81,7 @@ RUNS_FOLDER_SUFFIX = ".points"
 )
 @click.option(
     "--wanted",
-    type=float,
+    type=Real(),
     multiple=True,
     help="Wanted relative error; may be given several times. Default 1e-3, 1e-6, 1e-9.",
 )
@@ -93,12 +95,12 @@ RUNS_FOLDER_SUFFIX = ".points"
 @click.option(
     "--rtol",
     "tolerances",
-    type=float,
+    type=Real(),
     multiple=True,
     help="Relative tolerances; default 1e-2 to 1e-9.",
 )
 @click.option(
-    "--step", "steps", type=float, multiple=True, help="Fixed steps in seconds."
+    "--step", "steps", type=Real(), multiple=True, help="Fixed steps in seconds."
 )
 @click.option(
     "--of",
@@ -109,7 +111,7 @@ RUNS_FOLDER_SUFFIX = ".points"
 )
 @click.option(
     "--differ",
-    type=click.IntRange(1),
+    type=IntegerRange(1),
     metavar="N",
     help=(
         "Largest number of choices in which a point differs from the scene; "
@@ -117,7 +119,7 @@ RUNS_FOLDER_SUFFIX = ".points"
     ),
 )
 @click.option(
-    "--jobs", type=click.IntRange(1), help="Number of processes; default one per core."
+    "--jobs", type=IntegerRange(1), help="Number of processes; default one per core."
 )
 @click.option(
     "--dask",
@@ -360,7 +362,7 @@ def _print_study(
 )
 @click.option(
     "--jobs",
-    type=click.IntRange(min=1),
+    type=IntegerRange(min=1),
     help="Number of processes; default one per core.",
 )
 @click.option(

@@ -11,6 +11,7 @@ import click
 from sidtool.formats.base.errors import InputError
 
 from .common import (
+    Real,
     Target,
     check_targets,
     existing_file,
@@ -43,7 +44,7 @@ _SINGLE_BODY = ""
 )
 @click.option(
     "--tolerance",
-    type=float,
+    type=Real(),
     metavar="X",
     help=(
         "Accepted relative deviation from another SID; without it deviations "

@@ -21,6 +21,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.numbers import real_of_text
 from sidtool.formats.base.sid import Array
 from sidtool.formats.storage.operating_system import processors
 
@@ -159,7 +160,8 @@ def _shorten_line(text: str) -> str:
 
 def _shorten_number(word: str) -> str:
     try:
-        return word if len(word) <= _MAX_NUMBER_LENGTH else f"{float(word):.12e}"
+        long = len(word) > _MAX_NUMBER_LENGTH
+        return f"{real_of_text(word):.12e}" if long else word
     except ValueError:
         return word
 
@@ -224,7 +226,8 @@ def without_layers(lines: list[str]) -> list[str]:
             continue
         if layers:
             head, *rows = layers
-            thickness = sum(float(row[0]) for row in rows)
+            words = [row[0] for row in rows]
+            thickness = sum(parse_numbers(words, "*SHELL SECTION", "thicknesses"))
             result += [
                 f"{','.join(head)},MATERIAL={rows[0][2].strip()}",
                 f"{thickness!r}",

@@ -13,7 +13,13 @@ from numpy.typing import NDArray
 
 from sidtool.formats.base.errors import InputError
 
-from ..mesh.deck_text import RefusalCollector, parse_integers, parse_numbers, read_lines
+from ..mesh.deck_text import (
+    RefusalCollector,
+    check_label,
+    parse_integers,
+    parse_numbers,
+    read_lines,
+)
 from ..mesh.imported_mesh import (
     LEFT_OUT,
     ONLY_NODES,
@@ -459,6 +465,7 @@ def _read_nodes_2(content: _MeshContent, lines: _SectionLines) -> None:
 
 
 def _add_node(content: _MeshContent, label: int, words: list[str], place: str) -> None:
+    check_label(label, place, "a node")
     values = parse_numbers(words, place, "x y z")
     if len(values) < 3 or label in content.nodes:
         problem = "is defined twice" if len(values) > 2 else "is cut off"
@@ -483,6 +490,7 @@ def _add_element(
     tags: list[int],
     place: str,
 ) -> None:
+    check_label(label, place, "an element")
     if kind not in _TYPES:
         raise InputError(
             f"element {label} is of type {kind}, which is not supported",

@@ -20,6 +20,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.numbers import is_label
 from sidtool.formats.base.sid import Array
 from sidtool.formats.storage.hdf5_files import check_own_data, check_size
 
@@ -233,18 +234,14 @@ def _read_dofs(path: str) -> Indices:
     result = []
     for place, words in _table_rows(path):
         node, _, direction = words[0].partition(".")
-        if (
-            not (node.isdecimal() and direction.isdecimal())
-            or not 1 <= int(direction) <= 6
-        ):
+        if not (is_label(node) and is_label(direction)) or not 1 <= int(direction) <= 6:
             raise InputError(
                 f"found {words[0]!r}",
                 source=path,
                 place=place,
                 expected="node.direction with a direction from 1 to 6",
             )
-        (number,) = parse_integers([node], place, "a node number")
-        result.append((number, int(direction)))
+        result.append((int(node), int(direction)))
     return np.array(result, np.int64).reshape(-1, 2)
 
 

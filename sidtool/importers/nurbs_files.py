@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.numbers import integer_of_text, real_of_text
 from sidtool.formats.base.sid import Array
 from sidtool.formats.model.tables import check_knots
 from sidtool.formats.storage.unreadable import unreadable_error
@@ -144,17 +145,14 @@ def _gismo_patch(node: ElementTree.Element, k: int, place: str) -> NurbsPatch:
 
 def _parse_numbers(text: str | None, place: str) -> list[float]:
     try:
-        numbers = [float(word) for word in (text or "").split()]
+        return [real_of_text(word) for word in (text or "").split()]
     except ValueError as error:
-        raise InputError(str(error), place=place, expected="numbers") from None
-    if not np.isfinite(numbers).all():
-        raise InputError("is not finite", place=place, expected="finite numbers")
-    return numbers
+        raise InputError(str(error), place=place, expected="finite numbers") from None
 
 
 def _parse_integer(text: str | None, place: str) -> int:
     try:
-        return int(text or "")
+        return integer_of_text(text or "")
     except ValueError:
         raise InputError(
             f"found {text!r}", place=place, expected="an integer"

@@ -21,6 +21,8 @@ from sidtool.formats.base.sid import Array
 from sidtool.formats.model.stations import MATRIX_ORDERS, StationTable
 from sidtool.formats.storage.unreadable import unreadable_error
 
+from ..mesh.deck_text import parse_numbers
+
 #: Column of ElastoDyn -> own column, name of its factor in the file.
 _BLADE = {
     "BlFract": ("fraction", None),
@@ -110,7 +112,8 @@ def _read_elastodyn(
     first = next(iter(heads))
     start = next(k for k, line in enumerate(lines) if re.match(rf"\s*{first}\b", line))
     names = lines[start].split()
-    rows = _rows(lines, start + 2, len(names))
+    announced = _count(lines, "NBlInpSt" if heads is _BLADE else "NTwInpSt", 0)
+    rows = _rows(lines, start + 2, len(names), announced)
     columns: dict[str, Any] = {}
     unused = []
     for name, values in zip(names, rows.T, strict=True):
@@ -181,8 +184,8 @@ def _beamdyn_damping(lines: Sequence[str]) -> list[str]:
         return []
     for line in lines[head + 1 : head + 4]:
         try:
-            factors = [float(word) for word in line.split()[:6]]
-        except ValueError:
+            factors = parse_numbers(line.split()[:6], "mu1")
+        except InputError:
             continue
         if len(factors) == 6 and any(factors):
             text = ", ".join(f"{mu:g}" for mu in factors)
@@ -194,11 +197,11 @@ def _beamdyn_damping(lines: Sequence[str]) -> list[str]:
 
 def _read_beamdyn(lines: Sequence[str], folder: Path) -> ImportedStations:
     """A primary file: reference axis, initial twist, and its blade file."""
-    members = int(_value(lines, "member_total", 1.0))
+    members = _count(lines, "member_total", 1)
     if members != 1:
         raise InputError(f"has {members} members", expected="one member")
     start = next(k for k, line in enumerate(lines) if re.match(r"\s*kp_xr\b", line))
-    points = _rows(lines, start + 2, 4)
+    points = _rows(lines, start + 2, 4, _count(lines, "kp_total", 0))
     named = next((line for line in lines if re.search(r"\bBldFile\b", line)), "")
     match = re.match(r"\s*[\"']?([^\"']+?)[\"']?\s+BldFile", named)
     if match is None:
@@ -239,15 +242,15 @@ def _twisted(table: StationTable, at: Array, twist: Array) -> StationTable:
 
 def _read_beamdyn_blade(lines: Sequence[str], length: float | None) -> ImportedStations:
     """Stations with 6 x 6 matrices; z along the blade, forces before moments."""
-    count = int(_value(lines, "station_total", 0.0))
+    count = _count(lines, "station_total", 0)
     start = next(
         (k for k, line in enumerate(lines) if "istributed" in line.lower()), len(lines)
     )
-    words = " ".join(lines[start + 1 :]).split()
-    try:
-        values = np.array([float(word) for word in words[: 73 * count]])
-    except ValueError as error:
-        raise InputError(str(error), expected="numbers of stations") from None
+    numbered = enumerate(lines[start + 1 :], start + 2)
+    words = [(word, k) for k, line in numbered for word in line.split()]
+    values = np.array(
+        [parse_numbers([word], f"line {k}")[0] for word, k in words[: 73 * count]]
+    )
     if not count or len(values) != 73 * count:
         raise InputError(
             f"has {len(values) / 73:.3g} stations",
@@ -266,37 +269,54 @@ def _read_beamdyn_blade(lines: Sequence[str], length: float | None) -> ImportedS
     return ImportedStations(table, straight_geometry(length), notes)
 
 
-def _rows(lines: Sequence[str], start: int, count: int) -> Array:
-    """Rows of numbers from a line on, to the first line that is none."""
-    rows = []
-    for line in lines[start:]:
+def _rows(lines: Sequence[str], start: int, count: int, announced: int) -> Array:
+    """Rows of numbers from a line on.
+
+    Parameters
+    ----------
+    announced : number of rows; 0 for all up to the first line that is none
+
+    Raises
+    ------
+    InputError : there are fewer rows.
+    """
+    rows: list[list[float]] = []
+    for k, line in enumerate(lines[start:], start + 1):
+        words = line.split()[:count]
+        if announced and len(rows) == announced:
+            break
         try:
-            row = [float(word) for word in line.split()[:count]]
-        except ValueError:
+            rows.append(parse_numbers(words, f"line {k}"))
+        except InputError:
+            if announced:
+                raise
             break
-        if len(row) != count:
+        if len(words) != count:
+            rows.pop()
             break
-        rows.append(row)
-    if len(rows) < 2:
+    if len(rows) < max(announced, 2):
         raise InputError(
             f"has {len(rows)} stations",
-            place=f"line {start + 1}",
-            expected=f"rows of {count} numbers",
+            place=f"line {start + 1 + len(rows)}",
+            expected=f"{announced or 'two or more'} rows of {count} numbers",
         )
     return np.array(rows)
 
 
+def _count(lines: Sequence[str], name: str, default: int) -> int:
+    """The integer before a name."""
+    value = _value(lines, name, float(default))
+    if not value.is_integer():
+        raise InputError(f"found {value:g}", place=name, expected="an integer")
+    return int(value)
+
+
 def _value(lines: Sequence[str], name: str, default: float) -> float:
     """The number before a name, as in `1.04536  AdjBlMs - Factor ...`."""
-    for line in lines:
+    for k, line in enumerate(lines, 1):
         words = line.split()
         if len(words) > 1 and words[1] == name:
-            try:
-                return float(words[0])
-            except ValueError:
-                raise InputError(
-                    f"found {words[0]}", place=name, expected="a number"
-                ) from None
+            return parse_numbers(words[:1], f"line {k}, {name}", "a number")[0]
     return default
 
 

@@ -11,12 +11,14 @@ from bisect import bisect_left
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from itertools import chain
 from math import isfinite
 from pathlib import Path
 
 import numpy as np
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.numbers import is_plain, real_of_text
 from sidtool.formats.base.sid import Array
 from sidtool.formats.storage.unreadable import unreadable_error
 from sidtool.formats.toml.reading import LARGEST_NUMBER
@@ -91,8 +93,10 @@ def parse_numbers(
     """
     try:
         result = list(map(float, words))
-        if all(map(isfinite, result)) and (
-            max(map(abs, result), default=0.0) <= LARGEST_NUMBER
+        if (
+            is_plain("".join(words))
+            and all(map(isfinite, result))
+            and max(map(abs, result), default=0.0) <= LARGEST_NUMBER
         ):
             return result
     except ValueError:
@@ -100,11 +104,11 @@ def parse_numbers(
     result = []
     for word in words:
         try:
-            value = float(word.replace("D", "E").replace("d", "e"))
+            value = real_of_text(word.replace("D", "E").replace("d", "e"))
         except ValueError:
-            value = np.nan
-        if not np.isfinite(value):
-            raise InputError(f"found {word.strip()!r}", place=place, expected=what)
+            raise InputError(
+                f"found {word.strip()[:60]!r}", place=place, expected=what
+            ) from None
         if not abs(value) <= LARGEST_NUMBER:
             raise InputError(
                 f"found {word.strip()!r}",
@@ -126,7 +130,7 @@ def parse_integers(
     InputError : one is not.
     """
     try:
-        numbers = list(map(int, words))
+        numbers = list(map(int, words)) if is_plain("".join(words)) else []
     except ValueError:
         numbers = []
     largest = max(map(abs, numbers), default=0)
@@ -134,6 +138,30 @@ def parse_integers(
         text = " ".join(words)[:60]
         raise InputError(f"found {text!r}", place=place, expected=what)
     return numbers
+
+
+def parse_label(word: str, place: str, what: str) -> int:
+    """The number of a node or an element from a word.
+
+    Raises
+    ------
+    InputError : it is no integer above zero.
+    """
+    (label,) = parse_integers([word], place, f"{what} number above 0")
+    check_label(label, place, what)
+    return label
+
+
+def check_label(label: int, place: str, what: str) -> None:
+    """Refuse zero and negative numbers of nodes and elements.
+
+    Raises
+    ------
+    InputError : the number is one.
+    """
+    if label < 1:
+        expected = f"{what} number above 0"
+        raise InputError(f"found {label}", place=place, expected=expected)
 
 
 def number_table(rows: Sequence[tuple[str, Sequence[str]]], width: int) -> Array:
@@ -151,8 +179,9 @@ def number_table(rows: Sequence[tuple[str, Sequence[str]]], width: int) -> Array
                 expected=f"{width} (is the file cut off?)",
             )
     try:
-        table = np.array([words for _, words in rows], dtype=float)
-        if np.isfinite(table).all():
+        texts = chain.from_iterable(words for _, words in rows)
+        table = np.fromiter(map(float, texts), np.float64, width * len(rows))
+        if np.isfinite(table).all() and all(is_plain("".join(w)) for _, w in rows):
             return table.reshape(-1, width)
     except ValueError:
         pass

@@ -18,6 +18,7 @@ import numpy as np
 
 from sidtool.formats.base.complex_step import STEP
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.numbers import real_of_text
 from sidtool.formats.model import ModelFile
 from sidtool.formats.toml.files import key_path
 from sidtool.formats.toml.reading import PARAMETERS
@@ -61,7 +62,7 @@ class ShapeVariable:
         try:
             for part in rest.split(","):
                 key, _, factor = part.rpartition(":")
-                directions[key.strip()] = float(factor)
+                directions[key.strip()] = real_of_text(factor)
         except ValueError:
             directions = {"": 0.0}
         if not name or "" in directions:

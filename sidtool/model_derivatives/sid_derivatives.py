@@ -30,6 +30,7 @@ import h5py
 import numpy as np
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.numbers import is_label
 from sidtool.formats.base.sid import BLOCK_SHAPES, J_INDICES, NODE_SHAPES, SID, Taylor
 from sidtool.formats.file_names import check_ending
 from sidtool.formats.model import ModelFile, read_model
@@ -55,7 +56,7 @@ from ..reduction.methods import REDUCTIONS, ReducedBasis
 from .design_variables import DesignVariable, VariableLike, design_variable
 
 _FORM = re.compile(r"(\w+)(?:\((.*)\))?")
-_ENTRY = re.compile(r"(?:(\w+)\.)?(\w+?)(?:\.m1\[(\d+)\])?\[(\d+),\s*(\d+)\]")
+_ENTRY = re.compile(r"(?:(\w+)\.)?(\w+?)(?:\.m1\[([0-9]+)\])?\[([0-9]+),\s*([0-9]+)\]")
 _AXES = "xyz"
 
 #: Value and derivative of a quantity.
@@ -147,7 +148,7 @@ def _frequency(text: str, argument: str, sid: SID, _: Any) -> list[Quantity]:
 
 
 def _mode(argument: str, sid: SID) -> int:
-    if argument.isdecimal() and 1 <= int(argument) <= sid.nq:
+    if is_label(argument) and 1 <= int(argument) <= sid.nq:
         return int(argument)
     raise InputError(
         f"there is no mode {argument!r}",

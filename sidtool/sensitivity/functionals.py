@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, ClassVar, NamedTuple
 import numpy as np
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.numbers import is_label
 from sidtool.formats.base.sid import SID, Array
 from sidtool.formats.result import Result
 from sidtool.formats.scene import SceneFile, parse_output, unit_of
@@ -345,7 +346,7 @@ def _parse(text: str, folder: Path) -> Functional:
             raise InputError(
                 error.problem, place=f"--of {text}", expected=error.expected
             ) from None
-    if name in ("frequency", "damping_ratio") and not output.isdecimal():
+    if name in ("frequency", "damping_ratio") and not is_label(output):
         raise InputError(f"found {text!r}", place="--of", expected=kind.text)
     if kind.argument == "file":
         path = folder / arguments[1].strip("'\"")

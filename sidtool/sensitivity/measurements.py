@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.numbers import real_of_text
 from sidtool.formats.base.sid import Array
 from sidtool.formats.base.units import column_factor, is_known_unit, split_unit
 from sidtool.formats.diagnostics import diagnose
@@ -40,10 +41,11 @@ def read_measurements(path: Path) -> dict[str, Measurement]:
     """
     try:
         with path.open(newline="", encoding="utf-8-sig") as stream:
-            rows = [row for row in csv.reader(stream) if row]
+            reader = csv.reader(stream)
+            numbered = [(reader.line_num, row) for row in reader if row]
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"cannot be read: {error}", source=path) from None
-    heads = [split_unit(name) for name in rows[0]] if rows else []
+    heads = [split_unit(name) for name in numbered[0][1]] if numbered else []
     names = [name for name, _ in heads]
     if names[:1] != ["t"] or len(names) < 2 or len(set(names)) < len(names):
         raise InputError(
@@ -51,17 +53,20 @@ def read_measurements(path: Path) -> dict[str, Measurement]:
             source=path,
             expected="t, then outputs of the scene, each once",
         )
-    try:
-        numbers = [[float(cell.strip() or "nan") for cell in row] for row in rows[1:]]
-        if any(len(row) != len(names) for row in numbers):
-            raise ValueError
-        table = np.array(numbers, float).reshape(-1, len(names))
-    except ValueError:
-        raise InputError(
-            "holds a row that is no row of numbers",
-            source=path,
-            expected=f"{len(names)} numbers in each row",
-        ) from None
+    numbers = []
+    for line, row in numbered[1:]:
+        try:
+            numbers.append([_number(cell) for cell in row])
+        except ValueError:
+            numbers.append([])
+        if len(numbers[-1]) != len(names):
+            raise InputError(
+                f"found {','.join(row)[:40]!r}",
+                source=path,
+                place=f"line {line}",
+                expected=f"{len(names)} numbers; empty cells are left out",
+            )
+    table = np.array(numbers, float).reshape(-1, len(names))
     for name, unit in heads:
         if not is_known_unit(unit):
             warn_of(diagnose("N245", f"{path.name}, {name}", unit=unit))
@@ -71,6 +76,12 @@ def read_measurements(path: Path) -> dict[str, Measurement]:
         return as_measurements(table[:, 0], columns)
     except InputError as error:
         raise error.located(path) from None
+
+
+def _number(cell: str) -> float:
+    """The number of a cell, NaN of an empty one and of the word nan."""
+    text = cell.strip()
+    return np.nan if text.lower() in ("", "nan") else real_of_text(text)
 
 
 def _unit_factor(name: str, unit: str) -> float:

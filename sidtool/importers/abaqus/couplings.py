@@ -4,9 +4,10 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.numbers import is_label
 from sidtool.formats.diagnostics import diagnose
 
-from ...mesh.deck_text import parse_numbers
+from ...mesh.deck_text import parse_integers, parse_numbers
 from ...mesh.imported_mesh import RawCoupling, RawMass, find_undefined_members
 from .deck import REFERENCES, CouplingDefinition, Deck, Namespace, resolve_name
 from .keywords import Block
@@ -251,7 +252,7 @@ def _directions(
     """
     held: set[int] = set()
     for words, where in rows:
-        given = [int(x) for x in parse_numbers([w for w in words[:2] if w], where)]
+        given = parse_integers([w for w in words[:2] if w], where, "a direction")
         last = min(given[-1], 7) if given else 0
         held |= set(range(given[0], last + 1)) if given else {*range(1, 7)}
     least = {*held} if free else _DISPLACEMENTS
@@ -279,7 +280,7 @@ def labels_named(
     if definition.scope is body or not own or "." in word:
         return resolve_nodes(deck, definition.scope, instance, word)
     group = definition.scope.nsets.get(deck.name(word), [])
-    if word.isdecimal():
+    if is_label(word):
         group = [("", int(word))]
     single = [n for owner, n in group if owner == ""]
     undefined = find_undefined_members(own, {word: single})

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.numbers import is_plain
 from sidtool.formats.base.sid import Array
 from sidtool.formats.diagnostics import diagnose
 from sidtool.formats.toml.reading import LARGEST_NUMBER
@@ -21,8 +22,10 @@ from sidtool.formats.toml.reading import LARGEST_NUMBER
 from ...mesh.deck_text import (
     MAX_LABEL,
     RefusalCollector,
+    check_label,
     located_line,
     parse_integers,
+    parse_label,
     parse_numbers,
 )
 from ...mesh.imported_mesh import LEFT_OUT, MOST_MEMBERS, ONLY_NODES, ImportedMesh
@@ -255,6 +258,7 @@ def _copy_elements(
         for nodes, step in shifts:
             moved = [n + nodes for n in elements[label].nodes]
             new = replace(elements[label], label=label + step, nodes=moved, place=place)
+            check_label(new.label, place, "an element")
             if new.label in elements:
                 raise duplicate_error("element", new.label, place)
             elements[new.label] = new
@@ -269,6 +273,7 @@ def _add_nodes(
     """Add nodes; an existing node must have the same position."""
     known = deck.scope.nodes
     for label, (x, y, z) in zip(labels, places, strict=True):
+        check_label(label, place, "a node")
         new = (float(x), float(y), float(z))
         there = known.setdefault(label, new)
         size = max(map(abs, there + new))
@@ -427,7 +432,7 @@ def _read_nodes(deck: Deck, block: Block) -> None:
     if nodes is None or not deck.scope.nodes.keys().isdisjoint(nodes):
         nodes = {}
         for words, place in block.rows:
-            (label,) = parse_integers(words[:1], place, "a node number")
+            label = parse_label(words[0], place, "a node")
             values = parse_numbers(_blank_as_zero(words[1:]), place, "coordinates")
             if len(values) > 6:
                 raise InputError(
@@ -456,14 +461,18 @@ def _plain_nodes(block: Block) -> dict[int, tuple[float, float, float]] | None:
         texts = [text for text, _, _ in block.lines[start : start + _LINES_AT_A_TIME]]
         if {text.count(",") for text in texts} != {3}:
             return None
-        words = ",".join(texts).split(",")
+        text = ",".join(texts)
+        words = text.split(",")
+        if not is_plain(text):
+            return None
         try:
             labels = list(map(int, words[::4]))
             x, y, z = (list(map(float, words[i::4])) for i in (1, 2, 3))
         except ValueError:
             return None
         sizes = np.abs([x, y, z])
-        if not (sizes <= LARGEST_NUMBER).all() or max(map(abs, labels)) > MAX_LABEL:
+        are_labels = min(labels) > 0 and max(labels) <= MAX_LABEL
+        if not (are_labels and (sizes <= LARGEST_NUMBER).all()):
             return None
         nodes |= zip(labels, zip(x, y, z, strict=True), strict=True)
     return nodes if len(nodes) == len(block.lines) else None
@@ -485,6 +494,8 @@ def _read_elements(deck: Deck, block: Block) -> None:
     for (label, *nodes), place in records:
         if label in known:
             raise duplicate_error("element", label, place)
+        if label < 1:
+            check_label(label, place, "an element")
         known[label] = Element(label, kind, given, nodes, place)
         labels.append(label)
     if "ELSET" in block.options:
@@ -501,7 +512,7 @@ def _plain_elements(block: Block, size: int) -> Iterable[tuple[list[int], str]] 
     firsts = np.searchsorted(ends, np.arange(count) * size, side="right")
     if not count or not np.isin(np.arange(1, count + 1) * size, ends).all():
         return None
-    if ends[-1] != count * size:
+    if ends[-1] != count * size or not is_plain("".join(texts)):
         return None
     try:
         numbers = [int(word) for text in texts for word in text.split(",")]

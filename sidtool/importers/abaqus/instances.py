@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.numbers import is_label
 from sidtool.formats.diagnostics import diagnose
 
 from ...mesh.imported_mesh import find_undefined_members
@@ -178,7 +179,7 @@ def _add_instance(deck: Deck, flat: Namespace, name: str, part: Namespace) -> Na
     flat.elsets |= {deck.name(f"{name}.{key}"): g for key, g in scope.elsets.items()}
     for key, faces in scope.surfaces.items():
         flat.surfaces[deck.name(f"{name}.{key}")] = [
-            face if face.word.isdecimal() else replace(face, word=f"{name}.{face.word}")
+            face if is_label(face.word) else replace(face, word=f"{name}.{face.word}")
             for face in faces
         ]
     flat.sections += [
@@ -241,9 +242,9 @@ def _renumber_face(
     """A line of a surface by the numbers of the flat body."""
     which = 0 if face.kind == "NODE" else 1
     head, point, tail = face.word.rpartition(".")
-    if point and tail.isdecimal() and instances is not None and deck is not None:
+    if point and is_label(tail) and instances is not None and deck is not None:
         shift = instances.get(deck.name(head), shift)
         return replace(face, word=str(int(tail) + shift[which]))
-    if face.word.isdecimal():
+    if is_label(face.word):
         return replace(face, word=str(int(face.word) + shift[which]))
     return face

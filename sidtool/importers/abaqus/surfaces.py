@@ -5,6 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.numbers import is_label
 
 from ...mesh.deck_text import parse_numbers
 from .deck import Deck, Element, Namespace, SurfacePart, resolve_name
@@ -69,7 +70,7 @@ def surface_faces(
     nodes: list[int] = []
     for part in scope.surfaces[name]:
         if part.kind == "NODE":
-            if part.word.isdecimal() or deck.name(part.word) in scope.nsets:
+            if is_label(part.word) or deck.name(part.word) in scope.nsets:
                 nodes += resolve_nodes(deck, scope, instance, part.word)
                 continue
             return None
@@ -88,10 +89,10 @@ def resolve_nodes(deck: Deck, scope: Namespace, instance: str, word: str) -> lis
     ------
     InputError : there is no such set.
     """
-    if word.isdecimal():
+    if is_label(word):
         return [int(word) + scope.first[0]]
     head, point, tail = word.rpartition(".")
-    if point and tail.isdecimal():
+    if point and is_label(tail):
         name = deck.name(head)
         if name == instance or name in scope.instances:
             return [int(tail) + scope.instances.get(name, (0, 0))[0]]
@@ -117,7 +118,7 @@ def _surface_elements(
     group = owner.elsets.get(deck.name(own))
     if group is None:
         number = word.rpartition(".")[2]
-        if not number.isdecimal():
+        if not is_label(number):
             raise InputError(
                 f"there is no element set {word!r}", expected="an *ELSET of this file"
             )
@@ -161,7 +162,7 @@ def _face_nodes(element: Element, face: str) -> list[int] | None:
     kind = element.type.shell_kind if is_shell else element.type.kind
     shape = (kind or "").rstrip("0123456789")
     letter, number = ("E" if is_shell else "S"), face[1:]
-    if shape not in _FACES or face[:1] != letter or not number.isdecimal():
+    if shape not in _FACES or face[:1] != letter or not is_label(number):
         return None
     if not 1 <= int(number) <= len(_FACES[shape]):
         raise InputError(

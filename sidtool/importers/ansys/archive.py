@@ -10,9 +10,10 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.numbers import is_label
 from sidtool.formats.diagnostics import Diagnostic, diagnose
 
-from ...mesh.deck_text import parse_integers, parse_numbers, read_lines
+from ...mesh.deck_text import check_label, parse_integers, parse_numbers, read_lines
 from ...mesh.imported_mesh import (
     LEFT_OUT,
     ONLY_NODES,
@@ -351,7 +352,7 @@ def _read_nblock(content: ArchiveContent, words: list[str]) -> None:
 
 def _announced_count(words: list[str]) -> int | None:
     last = words[-1]
-    return int(last) if len(words) > 4 and last.isdigit() else None
+    return int(last) if len(words) > 4 and is_label(last) else None
 
 
 def _check_count(name: str, announced: int | None, count: int) -> None:
@@ -366,6 +367,7 @@ def _add_node(content: ArchiveContent, label: int, words: list[str]) -> None:
     if label in content.nodes:
         what = f"node {label} is defined twice"
         raise InputError(what, place=content.place, expected="one definition")
+    check_label(label, content.place, "a node")
     given = [word.strip() or "0" for word in words[:3]]
     x, y, z = (*parse_numbers(given, content.place, "coordinates"), 0.0, 0.0, 0.0)[:3]
     content.nodes[label] = (x, y, z)

@@ -112,7 +112,7 @@ def with_rigid_twist(
 
 def _read_bar(content: BulkData, card: Card) -> RawBar:
     """EID, PID, GA, GB, X1, X2, X3, OFFT, PA, PB, W1A, W2A, W3A, W1B, W2B, W3B."""
-    label = card.integer(0, "an element number")
+    label = card.label(0, "an element")
     nodes = _end_nodes(content, card, 2)
     if card.word(7).upper() not in _GLOBAL or any(card.words[16:]):
         raise InputError(
@@ -258,7 +258,7 @@ def _vector_in_basic(
 
 def _read_rod(content: BulkData, card: Card) -> RawBar:
     """EID, PID, G1, G2."""
-    label = card.integer(0, "an element number")
+    label = card.label(0, "an element")
     _check_last_field(card, 4)
     property_ = _bar_property(content, card, card.integer(1, "a property", label))
     if property_.section.iy:
@@ -277,7 +277,7 @@ def _read_conrod(content: BulkData, card: Card) -> RawBar:
     property_ = BarProperty(str(card.integer(3, "a material")), section, card.place)
     if card.word(6):
         content.unread_keywords["stress points of CONROD"] = None
-    label = card.integer(0, "an element number")
+    label = card.label(0, "an element")
     return _make_bar(content, card, (label, _end_nodes(content, card, 1)), property_)
 
 

@@ -192,7 +192,7 @@ def _read_grid(content: BulkData, card: Card) -> None:
     if isinstance(card, GridRun):
         _read_grids(content, card)
         return
-    label = card.integer(0, "a node number")
+    label = card.label(0, "a node")
     if label in content.nodes:
         raise duplicate_error("node", label, card)
     _only_zero(card, (7,), f"node {label} belongs to a superelement")
@@ -256,7 +256,7 @@ def _read_element(content: BulkData, card: Card) -> None:
     if isinstance(card, SolidRun):
         _read_solids(content, card)
         return
-    label = card.integer(0, "an element number")
+    label = card.label(0, "an element")
     property_ = card.integer(1, "a property", label)
     most = max(_ELEMENTS[card.name])
     words = card.words[2 : 2 + most]

@@ -18,10 +18,12 @@ from pathlib import Path
 import numpy as np
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.numbers import is_label, is_plain
 from sidtool.formats.toml.reading import LARGEST_NUMBER
 
 from ...mesh.deck_text import (
     IncludedFiles,
+    check_label,
     located_line,
     named_file,
     parse_integers,
@@ -50,15 +52,13 @@ _TWO = (
 _BLANKS = re.compile(r"(?<=^[+-]) +|(?<=[\d.]) +(?=[EeDd+-])|(?<=[EeDd]) +")
 #: A real number whose exponent has no letter, as in 2.1+11.
 _EXPONENT = re.compile(r"^([+-]?(?:\d++\.?+\d*+|\.\d++))([+-]\d++)$")
-#: Digits of numbers that fit into 64 bits.
-_SHORT = 19
 #: Name of the card that represents case control.
 CASE_CONTROL = "CASE CONTROL"
 #: Card of formulas, whose commas separate no fields.
 _EQUATION = "DEQATN"
 #: How lines may begin that are no cards: BEGIN, ENDDATA, INCLUDE.
 _COMMAND_STARTS = frozenset(" BbEeIi")
-_MPC = re.compile(r"MPC ?= ?(\d+)$")
+_MPC = re.compile(r"MPC ?= ?(\d{1,18})$", re.ASCII)
 _TEMPERATURE = re.compile(r"TEMP(ERATURE)? ?(\(.*\))? ?=")
 #: Mark of a case control that selects temperatures.
 HEATED = "TEMPERATURE"
@@ -187,9 +187,21 @@ class Card:
         word = self.words[i] if i < len(self.words) else ""
         if not word and default is not None:
             return default
-        if word.isdecimal() and len(word) < _SHORT:  # nearly all of a large mesh
+        if is_label(word):  # nearly all of a large mesh
             return int(word)
         return parse_integers([word], self.place, f"{self.name}: {what}")[0]
+
+    def label(self, i: int, what: str) -> int:
+        """The number of a node or an element.
+
+        Raises
+        ------
+        InputError : it is no integer above zero.
+        """
+        label = self.integer(i, f"{what} number")
+        if label < 1:
+            check_label(label, self.place, f"{self.name}: {what}")
+        return label
 
     def real(self, i: int, what: str, default: float = 0.0) -> float:
         """A real number, as Nastran writes it.
@@ -202,7 +214,7 @@ class Card:
         if not word:
             return default
         try:
-            if abs(value := float(word)) <= LARGEST_NUMBER:
+            if abs(value := float(word)) <= LARGEST_NUMBER and is_plain(word):
                 return value
         except ValueError:
             pass
@@ -327,8 +339,8 @@ def _grid_run(
         positions = list(zip(*(map(float, x) for x in axes), strict=True))
     except ValueError:
         return None, behind
-    is_plain = (np.abs(positions) <= LARGEST_NUMBER).all()
-    if not is_plain or len(set(numbers)) < len(numbers):
+    is_usual = (np.abs(positions) <= LARGEST_NUMBER).all() and min(numbers) > 0
+    if not is_usual or len(set(numbers)) < len(numbers):
         return None, behind
     places = [located_line(n, nested) for n, _ in lines[first : behind : len(heads)]]
     chosen = [known[x] for x in systems]
@@ -385,7 +397,7 @@ def _uniform_columns(
     parts = [[x.rstrip() for x in texts[i:count:size]] for i in range(size)]
     for i, own in enumerate(fields):
         end = own[-1].stop if own else 8
-        if any("\t" in x or "," in x for x in parts[i]):
+        if any("\t" in x or "," in x or not is_plain(x) for x in parts[i]):
             return None, first + count
         if i < size - 1:  # marks of continuations that follow at once mean nothing
             parts[i] = [x[:_MARK_START] for x in parts[i]]
@@ -556,8 +568,10 @@ def _changed_fields(card: Card, changes: list[str], place: str) -> list[str]:
             for word in (card.word(i) or "0", _in_parentheses(change))
         )
         try:
+            if not is_plain(own + step):
+                raise ValueError
             fields.append(str(Decimal(own) + Decimal(step)))
-        except ArithmeticError:
+        except (ArithmeticError, ValueError):
             raise InputError(
                 f"adds {step!r} to the field {own!r} of {card.name}",
                 place=place,

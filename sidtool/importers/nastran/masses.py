@@ -55,7 +55,7 @@ def _scalar_mass(content: BulkData, card: Card) -> tuple[float, int, int]:
     ------
     InputError : it has no property, acts between two nodes, or at no node.
     """
-    label = card.integer(0, "an element number")
+    label = card.label(0, "an element")
     if card.name == "CMASS2":
         mass = card.real(1, "a mass")
     else:

@@ -109,7 +109,7 @@ def _stiffness(
 
 def _elas(content: BulkData, card: Card) -> RawSpring:
     """EID, PID or K, G1, C1, G2, C2."""
-    label = card.integer(0, "an element number")
+    label = card.label(0, "an element")
     if card.name == "CELAS2":
         (k,) = (card.real(1, "a stiffness"),)
     else:
@@ -149,7 +149,7 @@ def _node_axes(content: BulkData, node: int) -> Array:
 
 def _bush(content: BulkData, card: Card) -> RawSpring:
     """EID, PID, GA, GB, GO or X1, X2, X3, CID, S, OCID, S1, S2, S3."""
-    label = card.integer(0, "an element number")
+    label = card.label(0, "an element")
     stiffness = _stiffness(content, card, card.integer(1, "a property", label), "PBUSH")
     first, last = card.integer(2, "a node"), card.integer(3, "a node", 0)
     for node in (first, last):
