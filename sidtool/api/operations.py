@@ -131,6 +131,9 @@ def simulate(
             return emit_warnings(to_user_result(known, drives, forces))
         settings |= {"progress": progress, "unfinished": unfinished}
         settings["diagnostics"] = prepared.diagnostics
-        settings["emit_warning"] = None
+        settings["all_warnings"] = True
+        if prepared.plan is None:
+            return run_interruptible(prepared.system, stop, drives, forces, **settings)
+        settings["emit_warning"] = None  # the errors of outputs are diagnostics as well
         result = run_interruptible(prepared.system, stop, drives, forces, **settings)
         return emit_warnings(prepared.with_errors(result))

@@ -11,6 +11,7 @@ from sidtool.formats.base.sid import SID, Array, symmetric_3x3
 from sidtool.formats.geometric_stiffening import (
     LoadStiffening,
     elastic_basis,
+    has_second_order_field,
     has_stiffening,
     rotation_products,
     unit_stiffness,
@@ -164,6 +165,26 @@ def _without_whirl_softening(
             np.concatenate([loading.reduced, corrections[-1:]]),
             (*loading.owners, "rotation"),
         )
+
+
+@cached_by_identity
+def softening_bound(sid: SID, planar: bool) -> float:
+    """Bound of |ratio| of `largest_stiffening` over the square of the angular velocity
+    [s2/rad2]; infinite if other loads change the stiffness as well.
+
+    With the Frobenius norm |K| of the stiffness by rotation on deformations of elastic
+    energy 1/2: |K| bounds its eigenvalues. P K P of a projection P has at most this
+    norm, and K - P K P as well. So whirl about one axis adds nothing to the bound, and
+    about each other axis it doubles it at most.
+    """
+    units = unit_stiffness(sid)
+    others = units["acceleration"], units["angular acceleration"]
+    if has_second_order_field(sid) or any(matrix.any() for matrix in others):
+        return np.inf
+    basis, rotation = elastic_basis(sid), units["rotation"]
+    if planar:
+        return float(np.linalg.norm(basis.T @ rotation[2] @ basis))
+    return 2.0**_MAX_PAIRS * float(np.linalg.norm(basis.T @ rotation @ basis))
 
 
 def _coriolis_partner(sid: SID, w: Array, x: Array) -> Array:

@@ -79,6 +79,33 @@ def initial_deformation_notes(
         yield diagnose(code, name, share=share)
 
 
+def may_vibrate_from_start(
+    system: System, first: Samples, bodies: Mapping[str, FlexibleBody], z: Array
+) -> bool:
+    """True if `initial_deformation_notes` may warn of a body; False is certain.
+
+    Its deformation in one state is less than that in the run, and more bodies seem far
+    from equilibrium then.
+
+    Parameters
+    ----------
+    z : (nt, n positions)
+        States of the run.
+    """
+    least = {}
+    for name, body in bodies.items():
+        row = system.arrays.body[system.index(name)]
+        end = int(row[at.POS] + row[at.NP])
+        q = z[:, end - int(row[at.NQ]) : end]
+        k = int(np.abs(q).max(axis=1).argmax()) if len(q) else 0
+        sid = system.bodies[system.index(name)].sid
+        least_deflection = float(np.nextafter(MIN_DEFLECTION, np.inf))
+        deflection = relative_deflection(sid, q[k : k + 1], least_deflection)
+        least[name] = replace(body, deflection=deflection)
+    notes = initial_deformation_notes(system, first, least)
+    return any(each.is_warning for each in notes)
+
+
 def _with_sampled_friction_states(system: System, first: Samples) -> System:
     """The system with joints that stick and slide as they do in a state."""
     if not system.friction_joints:

@@ -56,10 +56,9 @@ _FRAMES = {0: "prescribed", 2: "2", 3: "3", 6: "6"}
 
 
 class DiagnosticsResult(NamedTuple):
-    """What flexible bodies met, remarks, vibrations, and states not to be missed."""
+    """What flexible bodies met, vibrations, and states not to be missed."""
 
     load_extrema: LoadExtrema
-    output_notes: OutputNotes
     vibrations: Vibrations
     step_end_states: StepEndStates
 
@@ -71,12 +70,15 @@ class RunDiagnostics:
     ----------
     expect
         What was said of flexible bodies before it.
+    output_notes
+        Of the recorded rows, which do not wait.
     """
 
     def __init__(
         self, system: System, expect: Callable[[], Mapping[str, FlexibleBody]]
     ) -> None:
         self._system, self._expect = system, expect
+        self.output_notes = OutputNotes(system)
         self._waiting: list[Callable[[], None]] = []
         self._numbers = 0
 
@@ -88,9 +90,9 @@ class RunDiagnostics:
     def add(self, recorded: RecordedOutputs, t: Array) -> None:
         """Recorded rows."""
         samples = recorded.samples
+        self.output_notes.add(t, recorded)
 
         def process() -> None:
-            self._found.output_notes.add(t, recorded)
             self._found.vibrations.add(samples)
             self._found.load_extrema.add(samples, t)
 
@@ -137,7 +139,6 @@ class RunDiagnostics:
         worst = np.array([body.expected.time for body in expected.values()])
         return DiagnosticsResult(
             LoadExtrema(system, expected),
-            OutputNotes(system),
             Vibrations(system),
             StepEndStates(system, worst),
         )

@@ -74,6 +74,11 @@ class RunStart:
         """Positions and velocities that meet the constraints."""
         return self.initialised.start
 
+    @cached_property
+    def scene_diagnostics(self) -> tuple[Diagnostic, ...]:
+        """`diagnostics`, which can be iterated once, for all who read them."""
+        return tuple(self.diagnostics)
+
     @property
     def begin(self) -> StateVectors:
         """The state in which this run begins: the initial one, or that of `resume`."""

@@ -12,6 +12,7 @@ from sidtool.formats.result.accuracy_report import MAX_DEFLECTION, MAX_ROTATION
 from sidtool.formats.result.data import ROWS_PER_BLOCK, Rows, Sink
 
 from ..diagnostics.body_loads import deformation_bounds
+from ..diagnostics.geometric_stiffening import softening_bound
 from ..diagnostics.run_summary import RunDiagnostics
 from ..output import columns
 from ..output.dense_output import StepStates, join_steps
@@ -55,7 +56,7 @@ class Recorder:
         self.seconds, self._waiting, self._ends = 0.0, list[StepStates](), 0
         self._last = -np.inf
         self.sound: tuple[Array, Array] | None = None
-        self._largest = np.zeros(system.n_positions)
+        self._largest = np.zeros(system.n_positions), np.zeros(system.n_velocities)
         self.columns = system.cached_by_topology(_column_names)
         sink.begin(self.columns, len(start.times) + 1)
 
@@ -63,7 +64,7 @@ class Recorder:
         """Rows that a run before this one recorded."""
         self.sink.add(rows)
         z, v = (rows.tables[name].copy() for name in ("positions", "velocities"))
-        self._update_largest(z)
+        self._update_largest(z, v)
         if len(rows.t) and not self.system.friction_joints:
             found = self._record(rows.t.copy(), z, v)
             self.verdicts.add_previous_rows(found.samples, rows.t)
@@ -72,7 +73,7 @@ class Recorder:
     def add_step_ends(self, ends: StepStates) -> None:
         """Ends of some steps."""
         if self._has_flexible_bodies and len(ends.t):
-            self._update_largest(ends.z)
+            self._update_largest(ends.z, ends.v)
             self.verdicts.add_step_ends(ends)
             self._waiting.append(ends)
             self._ends += len(ends.t)
@@ -130,7 +131,7 @@ class Recorder:
         }
         self.sink.add(Rows(t, tables))
         self.verdicts.add(found, t)
-        self._update_largest(z)
+        self._update_largest(z, v)
         if self._has_flexible_bodies and not self.may_exceed(
             MAX_DEFLECTION, MAX_ROTATION
         ):
@@ -153,12 +154,14 @@ class Recorder:
             rows = order[first : first + ROWS_PER_BLOCK]
             self.verdicts.continue_after(times[rows], states[rows])
 
-    def _update_largest(self, z: Array) -> None:
-        """Update the largest coordinates by finite states z (nt, n_positions)."""
-        largest = np.abs(z).max(axis=0, initial=0.0)
-        if not np.isfinite(largest).all():
-            largest = np.nan_to_num(np.abs(z), posinf=0.0).max(axis=0, initial=0.0)
-        np.maximum(self._largest, largest, out=self._largest)
+    def _update_largest(self, *states: Array) -> None:
+        """Update the largest coordinates and velocities by finite states (nt, n)."""
+        for known, rows in zip(self._largest, states, strict=True):
+            largest = np.abs(rows).max(axis=0, initial=0.0)
+            if not np.isfinite(largest).all():
+                finite = np.nan_to_num(np.abs(rows), posinf=0.0)
+                largest = finite.max(axis=0, initial=0.0)
+            np.maximum(known, largest, out=known)
 
     def may_exceed(self, deflection: float, rotation: float) -> bool:
         """True if a body may have deformed by more in the run; False is certain.
@@ -173,9 +176,24 @@ class Recorder:
         for data in self.system.flexible:
             row = self.system.arrays.body[self.system.index(data.name)]
             end = int(row[at.POS] + row[at.NP])
-            largest = self._largest[end - int(row[at.NQ]) : end]
+            largest = self._largest[0][end - int(row[at.NQ]) : end]
             bounds = deformation_bounds(data.sid, largest)
             if bounds[0] > deflection or bounds[1] > rotation:
+                return True
+        return False
+
+    def may_soften(self, share: float) -> bool:
+        """True if loads may have changed the stiffness of a body by more than a part of
+        it; False is certain.
+        """
+        planar = self.system.planar
+        for data in self.system.flexible:
+            row = self.system.arrays.body[self.system.index(data.name)]
+            end = int(row[at.VEL] + row[at.RD])
+            speeds = self._largest[1][end - (1 if planar else 3) : end]
+            is_known = row[at.RD] == (3 if planar else 6)
+            bound = softening_bound(data.sid, planar) * float(speeds @ speeds)
+            if not (is_known and bound < share):
                 return True
         return False
 

@@ -8,7 +8,8 @@ import numpy as np
 
 from sidtool.formats.base.sid import Array
 from sidtool.formats.diagnostics import Diagnostic, diagnose, stop_message, without
-from sidtool.formats.result import Result
+from sidtool.formats.geometric_stiffening import SIGNIFICANT_CHANGE
+from sidtool.formats.result import FlexibleBody, Result
 from sidtool.formats.result.accuracy_report import (
     MAX_DEFLECTION,
     MAX_ROTATION,
@@ -33,7 +34,10 @@ from ..diagnostics.failure_causes import (
     step_loop_failure,
 )
 from ..diagnostics.implausible_values import runaway_warnings
-from ..diagnostics.initial_deformation import initial_deformation_notes
+from ..diagnostics.initial_deformation import (
+    initial_deformation_notes,
+    may_vibrate_from_start,
+)
 from ..initial_state.displacement_report import displacement_notes
 from ..initial_state.given_state import lost_rotation
 from ..initial_state.integrator_start import scene_with_settings
@@ -95,14 +99,17 @@ def build_result(
     )
     known = known.with_lazy_fields(lambda: {"bodies": recorder.bodies}, "bodies")
     return known.with_lazy_fields(
-        lambda: {"diagnostics": _diagnostics(run, failure)}, "diagnostics"
+        lambda: {"diagnostics": _diagnostics(run, failure, recorder.bodies)},
+        "diagnostics",
     )
 
 
-def _diagnostics(run: Run, failure: tuple[Diagnostic, ...]) -> tuple[Diagnostic, ...]:
-    """Diagnostics of a result, found when they are read."""
-    scene, remarks = run.system.scene, run.recorder.verdicts.found.output_notes
-    beyond_theory = validity_diagnostics(run.recorder.bodies)
+def _diagnostics(
+    run: Run, failure: tuple[Diagnostic, ...], bodies: Mapping[str, FlexibleBody]
+) -> tuple[Diagnostic, ...]:
+    """Diagnostics of a result with some flexible bodies, found when they are read."""
+    scene, remarks = run.system.scene, run.recorder.verdicts.output_notes
+    beyond_theory = validity_diagnostics(bodies)
     if any(each.code in LOST_INERTIA_CODES for each in failure):
         # Loads and stiffness at the end are those of no body.
         beyond_theory = tuple(d for d in beyond_theory if d.code not in LOAD_CODES)
@@ -113,15 +120,40 @@ def _diagnostics(run: Run, failure: tuple[Diagnostic, ...]) -> tuple[Diagnostic,
     found = (
         *failure,
         *beyond_theory,
-        *(
-            limit
-            for name, body in run.recorder.bodies.items()
-            for limit in body.model_limits(name)
-        ),
-        *_run_diagnostics(run),
+        *(limit for name, body in bodies.items() for limit in body.model_limits(name)),
+        *_run_diagnostics(run, bodies),
         *remarks.diagnostics(observed_outputs(scene)),
     )
     return without(found, scene.diagnostics.ignore)
+
+
+def find_warnings(run: Run, result: Result) -> Iterator[Diagnostic]:
+    """The diagnostics of a complete result that are warnings.
+
+    Bounds rule out warnings of most bodies. Their loads and deformations, which take
+    most of the time to find, then wait until somebody reads them.
+    """
+    if run.start.resume is not None or _bodies_may_have_warnings(run):
+        found = result.diagnostics
+    else:
+        found = _diagnostics(run, (), run.start.initialised.expected_bodies)
+    return (each for each in found if each.is_warning)
+
+
+def _bodies_may_have_warnings(run: Run) -> bool:
+    """True if loads or deformations of a body may need a warning (N220, N330, N404 to
+    N413); False is certain.
+
+    That of the frequencies of a body (N412) is known before the run.
+    """
+    system = run.system
+    if not system.flexible:
+        return False
+    if may_exceed_linear_theory(run) or run.recorder.may_soften(SIGNIFICANT_CHANGE / 2):
+        return True
+    _, z, _ = run.window.reached_states(run.control)
+    bodies = run.start.initialised.expected_bodies
+    return may_vibrate_from_start(system, _initial_samples(run), bodies, z)
 
 
 def may_exceed_linear_theory(run: Run) -> bool:
@@ -196,11 +228,14 @@ def _settings_table(run: Run) -> dict[str, str | float]:
     return table
 
 
-def _run_diagnostics(run: Run) -> Iterator[Diagnostic]:
+def _run_diagnostics(
+    run: Run, bodies: Mapping[str, FlexibleBody]
+) -> Iterator[Diagnostic]:
     """Diagnostics of the numbers of a run."""
+    is_known = any(body.found is not None for body in bodies.values())
     system, recorder, rtol = run.system, run.recorder, run.settings.rtol
     steps, initial = run.memory.steps, run.start.initial
-    yield from run.start.diagnostics
+    yield from run.start.scene_diagnostics
     yield from run.start.initialised.implausible_inputs
     yield from singular_passage_notes(system, run.kernels, run.control, rtol, initial.z)
     yield from displacement_notes(system, recorder.sampler.work, initial, rtol)
@@ -216,7 +251,7 @@ def _run_diagnostics(run: Run) -> Iterator[Diagnostic]:
     )
     yield from result_notes.peak_stress_notes(system)
     yield from result_notes.sampled_loop_notes(system, run.control, initial.z)
-    if run.control.fixed_step != 1:
+    if run.control.fixed_step != 1 and is_known:
         span = run.current_time - system.scene.time.start
         yield from recorder.verdicts.found.vibrations.diagnostics(steps, span)
     yield from result_notes.rounding_notes(system, run.control, rtol, steps)
@@ -224,7 +259,7 @@ def _run_diagnostics(run: Run) -> Iterator[Diagnostic]:
     if reached_end:  # speeds where a run stops are those of its failure
         yield from rejected_trials(system, run.work)
     yield from result_notes.skipped_feature_notes(system, run.control, run.settings)
-    yield from _constraint_deformation_notes(run)
+    yield from _constraint_deformation_notes(run, bodies)
     yield from _stability_limit_notes(run)
     ends = (system.scene.time.start, run.current_time)
     control = run.control
@@ -235,8 +270,7 @@ def _run_diagnostics(run: Run) -> Iterator[Diagnostic]:
             np.array([initial.z, control.z]),
             np.array([initial.v, control.v]),
         )
-    bodies = recorder.bodies
-    if bodies and run.current_time > system.scene.time.start:
+    if is_known and run.current_time > system.scene.time.start:
         yield from initial_deformation_notes(system, _initial_samples(run), bodies)
 
 
@@ -247,11 +281,11 @@ def _stability_limit_notes(run: Run) -> Iterator[Diagnostic]:
         yield diagnose("N321", share=stiff / steps, method=run.settings.integrator)
 
 
-def _constraint_deformation_notes(run: Run) -> Iterator[Diagnostic]:
+def _constraint_deformation_notes(
+    run: Run, bodies: Mapping[str, FlexibleBody]
+) -> Iterator[Diagnostic]:
     """Deformations that joints and drives impose instead of loads (N330)."""
-    deformed = [
-        n for n, body in run.recorder.bodies.items() if body.deflection > MAX_DEFLECTION
-    ]
+    deformed = [n for n, body in bodies.items() if body.deflection > MAX_DEFLECTION]
     if deformed and run.current_time >= run.system.scene.time.end:
         why = infeasible_drive_cause(
             run.system, run.current_time, *_last_sound_state(run)

@@ -15,6 +15,7 @@ from .preparation import allocate, compile_kernels, plan_outputs, prepare_run
 from .recorder import Recorder
 from .result import (
     build_result,
+    find_warnings,
     may_exceed_linear_theory,
     meaningless_numbers,
     stop_causes,
@@ -37,6 +38,7 @@ def simulate(
     into: Sink | None = None,
     stop: Callable[[], str] | None = None,
     emit_warning: DiagnosticCallback | None = None,
+    all_warnings: bool = False,
     unfinished: Result | None = None,
 ) -> Result:
     """Integrates a compiled scene over its time span.
@@ -66,6 +68,8 @@ def simulate(
     emit_warning
         Called after the run with each of the warnings of the result, if a body may
         have left linear theory; they take time to compute.
+    all_warnings
+        It is called after all runs that were finished instead, and after no others.
     unfinished
         A run of this scene and these settings that stopped, or that is complete to an
         earlier end; this one goes on from its last state, and its result is that of
@@ -105,10 +109,10 @@ def simulate(
         result = start.resume.join(result)
     if into is not None:
         into.finish(result)
-    if emit_warning is not None and may_exceed_linear_theory(run):
-        for diagnostic in result.diagnostics:
-            if diagnostic.is_warning:
-                emit_warning(diagnostic)
+    emits = not failure if all_warnings else may_exceed_linear_theory(run)
+    if emit_warning is not None and emits:
+        for diagnostic in find_warnings(run, result):
+            emit_warning(diagnostic)
     if failure:
         raise SimulationError(failure, result)
     return result

@@ -13,8 +13,10 @@ import numpy as np
 import pytest
 
 from sidtool.formats.base.sid import Taylor
+from sidtool.formats.diagnostics import Diagnostic
 from sidtool.formats.result import Result
 from sidtool.solver import simulate
+from sidtool.solver.diagnostics.geometric_stiffening import softening_bound
 from tests.codes import codes, only, with_code
 from tests.solver.scenes import compiled, polynomial, scene
 
@@ -76,6 +78,45 @@ def test_softening_without_stiffening(share: float) -> None:
         assert each.data["ratio"] == pytest.approx(-(share**2), rel=5e-3)
         assert each.units["ratio"] == "1" and each.t is not None
     assert not with_code(turning(speed, True), "N404", *DIVERGENCES)
+
+
+@pytest.mark.parametrize(
+    ("joint", "share", "gravity", "expected"),
+    [
+        ("revolute", 0.03, 0.0, []),
+        ("revolute", 0.5, 0.0, ["N404"]),
+        ("prismatic", 0.0, 0.2, ["N220"]),
+        ("prismatic", 0.0, 1.0, ["N411", "N220"]),
+    ],
+)
+def test_warnings_are_found_without_the_rest(
+    joint: str, share: float, gravity: float, expected: list[str]
+) -> None:
+    """A slow beam needs none of the numbers that say how much it softens."""
+    start, emitted = {"angular_velocity": share * FIRST}, list[Diagnostic]()
+    described = scene(
+        {
+            "carrier": {"mass": 9.0, "inertia": 1.0, "initial": start},
+            "beam": {"sid": "-", "markers": {"root": 1}, "initial": start},
+        },
+        {
+            "hub": {"type": joint, "markers": ["ground", "carrier"]},
+            "clamp": {"type": "fixed", "markers": ["carrier", "beam.root"]},
+        },
+        gravity=[0.0, -gravity],
+        end=1.0 if gravity else 0.01,
+    )
+    sid = cantilever(stiffened=False)
+    system = compiled(described, beam=sid)
+    result = simulate(system, emit_warning=emitted.append, all_warnings=True)
+    assert ("diagnostics" in vars(result)) == bool(expected)
+    assert emitted == [each for each in result.diagnostics if each.is_warning]
+    assert [each.code for each in emitted] == expected
+    if not gravity:
+        found = result.bodies["beam"].found
+        assert found is not None
+        assert found.ratio == pytest.approx(-(share**2), rel=5e-3)
+        assert softening_bound(sid, planar=True) * FIRST**2 >= 1.0
 
 
 @pytest.mark.parametrize("speed", [1.5, 3.0, 5.0])
