@@ -120,7 +120,7 @@ def lowest_eigenpairs(
     places: Array | None = None,
     static: Solve | None = None,
     accuracy: Accuracy = ACCURATE,
-    multigrid: MultigridFactors | None = None,
+    multigrid: tuple[MultigridFactors, Array] | None = None,
 ) -> tuple[Array, Array]:
     """Return the `count` lowest eigenvalues, ascending, and M-orthonormal eigenvectors.
 
@@ -140,7 +140,8 @@ def lowest_eigenpairs(
         and contain no rigid motion (loads are balanced by inertia). By default
         K - shift M is factored, which is not possible with constraints
     accuracy : of the eigenvectors or eigenvalues
-    multigrid : in place of `static`, of K with springs against the rigid motions
+    multigrid : in place of `static`, of K with springs against the rigid motions, and
+        its responses (n, k) to the constraints
 
     Returns
     -------
@@ -244,14 +245,14 @@ def _invariant_space(
     places: Array | None,
     static: Solve | None,
     accuracy: Accuracy,
-    multigrid: MultigridFactors | None,
+    multigrid: tuple[MultigridFactors, Array] | None,
 ) -> Array:
     """(n, count) vectors that span the lowest eigenvectors."""
     if engine_name() == "slepc":
         return slepc_eigenvectors(pencil, count)
     if multigrid is not None:
         notify("eigenvectors")
-        return multigrid_eigenvectors(pencil, count, multigrid, accuracy)
+        return multigrid_eigenvectors(pencil, count, *multigrid, accuracy)
     known = pencil.rigid.shape[1]
     solve = static or symmetric_factors(pencil.shifted, places).solve
     notify("eigenvectors")

@@ -448,7 +448,11 @@ def _inverse_of_blocks(
 
 
 def multigrid_eigenvectors(
-    pencil: Pencil, count: int, factors: MultigridFactors, accuracy: Accuracy
+    pencil: Pencil,
+    count: int,
+    factors: MultigridFactors,
+    responses: Array,
+    accuracy: Accuracy,
 ) -> Array:
     """(n, count) vectors that span the lowest eigenvectors, by LOBPCG.
 
@@ -459,6 +463,7 @@ def multigrid_eigenvectors(
     Parameters
     ----------
     factors : of K with springs against its rigid motions
+    responses : (n, k) of these to the constraints
 
     Raises
     ------
@@ -478,7 +483,7 @@ def multigrid_eigenvectors(
     goal = max(_MODE_ERROR, _MARGIN * accuracy.value_error**0.5)
     counter = ProgressCounter("eigenvectors: {} cycles of multigrid", 25.0)
     mass = _products(pencil.mass)
-    balanced, admissible = _conditions(pencil, factors.levels)
+    balanced, admissible = _conditions(pencil, responses[order])
 
     def stiffness(columns: Array) -> Array:
         return factors.levels.product(columns) - springs * columns
@@ -567,16 +572,15 @@ def _ritz_vectors(stiffness: Array, mass: Array, count: int) -> tuple[Array, Arr
     return values[:count], space @ mixing[:, :count]
 
 
-def _conditions(pencil: Pencil, levels: Levels) -> tuple[Function, Function]:
+def _conditions(pencil: Pencil, responses: Array) -> tuple[Function, Function]:
     """Functions that free forces of what conditions C and inertia balance, and
     displacements of what the conditions prevent and of rigid motions: with the
-    responses R = A^-1 C^T, of ``C^T (C R)^-1 R^T f`` and ``R (C R)^-1 C u``.
+    responses R = A^-1 C^T (n, k), of ``C^T (C R)^-1 R^T f`` and ``R (C R)^-1 C u``.
     """
     rows, rigid = pencil.constraints, pencil.rigid
     momenta = pencil.mass @ rigid
     pairs = [(rigid, np.linalg.solve(rigid.T @ momenta, momenta.T))]
     if len(rows):
-        responses = levels.solve(np.ascontiguousarray(rows.T))
         pairs.insert(0, (responses, np.linalg.solve(rows @ responses, rows)))
 
     def balanced(load: Array) -> Array:

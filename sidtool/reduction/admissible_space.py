@@ -35,6 +35,8 @@ from ..mesh.reference_elements import element_edges
 from .body_frames import Frame, clamped_dofs, motion_rows
 
 _NO_MOTION = 1e-9
+#: Loads that differ by less, relative to their largest, are the same.
+_SAME = 4 * np.finfo(float).eps
 #: Of modes that frequencies are compared with: errors of frequencies are half of those
 #: of eigenvalues, and errors below 1e-8 are not printed.
 _COMPARISON = Accuracy(value_error=1e-8)
@@ -171,7 +173,7 @@ class AdmissibleSpace:
                 rigid=self.rigid,
                 static=lambda load: self._static.solve(load),
                 accuracy=replace(self.accuracy, next_is_distinct=not all_of_them),
-                multigrid=self.factors.multigrid,
+                multigrid=self._multigrid,
             )
         except InputError:
             self.shift()  # its error may name the cause
@@ -181,6 +183,11 @@ class AdmissibleSpace:
         shapes = self.displacements(vectors)
         shapes = shapes @ rotation_to_axes(groups, shapes, self.directions)
         return values, shapes, count if all_of_them else int(groups[-1][0])
+
+    @property
+    def _multigrid(self) -> tuple[MultigridFactors, Array] | None:
+        levels = self.factors.multigrid
+        return None if levels is None else (levels, self._static.reactions)
 
     def static(self, loads: Array, motions: Array | None = None) -> Array:
         """Static displacements (ndof, n) under loads (ndof, n).
@@ -194,7 +201,9 @@ class AdmissibleSpace:
         motions : (k, n) values of the constraints instead of zero
         """
         notify(f"static responses: {loads.shape[1]}")
-        return self.displacements(self._static.solve(self.loads(loads), motions))
+        solver = self._static
+        respond = self.factors.static_responses
+        return self.displacements(solver.solve(self.loads(loads), motions, respond))
 
     @cached_property
     def _static(self) -> _StaticSolver:
@@ -207,6 +216,9 @@ class PinnedFactors:
     The number of springs equals that of rigid motions, so balanced loads do not strain
     them.
     """
+
+    #: (n, k) loads of the last conditions and the responses to them.
+    _known: tuple[Array, Array] | None = None
 
     def __init__(
         self,
@@ -222,6 +234,26 @@ class PinnedFactors:
     def solve(self, load: Array) -> Array:
         """(K + springs)^-1 b for b (n, k)."""
         return self._factors.solve(np.ascontiguousarray(load))
+
+    def condition_responses(self, rows: Array) -> Array:
+        """(n, k) responses to rows (k, n) of conditions, which are kept."""
+        found = self.solve(rows.T)
+        if np.isrealobj(found):
+            self._known = rows.T, found
+        return found
+
+    def static_responses(self, loads: Array) -> Array:
+        """As `solve` for loads (n, k); loads of the last conditions, as those at
+        interfaces, need no further solution.
+        """
+        if self._known is None or np.iscomplexobj(loads):
+            return self.solve(loads)
+        conditions, responses = self._known
+        source, share = _multiples(loads, conditions)
+        answer = responses[:, source] * share
+        if (source < 0).any():
+            answer[:, source < 0] = self.solve(loads[:, source < 0])
+        return answer
 
     @property
     def multigrid(self) -> MultigridFactors | None:
@@ -258,17 +290,25 @@ class _StaticSolver:
     With constraints C, their multipliers l and the rigid motions R that they prevent,
     ``u = A^-1 (f - C^T l) + R a`` solves ``K u + C^T l = f`` where the constraints
     balance the loads, ``R^T (f - C^T l) = 0``: nothing then pulls at the springs in A.
+
+    Attributes
+    ----------
+    reactions : (n, k) A^-1 C^T
     """
 
     def __init__(self, space: AdmissibleSpace) -> None:
-        self._space = space
-        rows, stopped = space.constraints, space.constrained_rigid_motions
+        """Keep no reference to the space, which keeps the solver: they would hold the
+        factors until the garbage collector runs.
+        """
+        self._respond, self._rigid = space.factors.solve, space.rigid
+        self._rows = rows = space.constraints
+        stopped = space.constrained_rigid_motions
         self._inertia = space.mass @ space.rigid
         self._gram = space.rigid.T @ self._inertia
-        self._reactions = np.zeros((rows.shape[1], 0))
+        self.reactions = np.zeros((rows.shape[1], 0))
         if len(rows):
-            self._reactions = space.factors.solve(rows.T)
-        flexibility = rows @ self._reactions
+            self.reactions = space.factors.condition_responses(rows)
+        flexibility = rows @ self.reactions
         moved = rows @ stopped
         scale = np.linalg.norm(flexibility) / np.linalg.norm(moved, axis=0)
         self._stopped = stopped * scale
@@ -276,21 +316,47 @@ class _StaticSolver:
         none = np.zeros((stopped.shape[1],) * 2)
         self._bordered = np.block([[flexibility, -moved], [-moved.T, none]])
 
-    def solve(self, loads: Array, motions: Array | None = None) -> Array:
-        rigid, rows = self._space.rigid, self._space.constraints
+    def solve(
+        self,
+        loads: Array,
+        motions: Array | None = None,
+        respond: Callable[[Array], Array] | None = None,
+    ) -> Array:
+        """Static responses to loads (n, m) and motions (k, m) of the constraints.
+
+        Parameters
+        ----------
+        respond : b -> A^-1 b, in place of a solution of every load
+        """
+        rigid, rows, respond = self._rigid, self._rows, respond or self._respond
         if rigid.shape[1]:
             balance = np.linalg.solve(self._gram, rigid.T @ loads)
             loads = loads - self._inertia @ balance
-        y = self._space.factors.solve(loads) if loads.any() else np.zeros_like(loads)
+        y = respond(loads) if loads.any() else np.zeros_like(loads)
         if len(rows):
             gap = rows @ y - (0.0 if motions is None else motions)
             pull = -self._stopped.T @ loads
             both = np.linalg.solve(self._bordered, np.vstack([gap, pull]))
-            y = y - self._reactions @ both[: len(rows)]
+            y = y - self.reactions @ both[: len(rows)]
             y = y + self._stopped @ both[len(rows) :]
         if rigid.shape[1]:
             y = y - rigid @ np.linalg.solve(self._gram, self._inertia.T @ y)
         return y
+
+
+def _multiples(loads: Array, known: Array) -> tuple[NDArray[np.int64], Array]:
+    """For every load (n, m) the number of the known load (n, k) that it is a multiple
+    of but for rounding, -1 for none, and the multiple.
+    """
+    source, share = np.full(loads.shape[1], -1), np.zeros(loads.shape[1])
+    for column, load in enumerate(loads.T):
+        first = first_largest(np.abs(load))
+        for number, other in enumerate(known.T):
+            if other[first]:
+                multiple = load[first] / other[first]
+                if np.abs(load - multiple * other).max() <= _SAME * abs(load[first]):
+                    source[column], share[column] = number, multiple
+    return source, share
 
 
 def constrained_space(

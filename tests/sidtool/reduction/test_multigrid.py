@@ -136,6 +136,7 @@ def test_modes_under_conditions() -> None:
         Pencil(pencil.stiffness, pencil.mass, 0.0, rows, pencil.rigid),
         3,
         factors,
+        factors.solve(rows.T),
         ACCURATE,
     )
     assert_allclose(rows @ vectors, 0.0, atol=1e-9 * np.abs(vectors).max())

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gc
+import weakref
 from typing import Any
 
 import numpy as np
@@ -12,7 +14,11 @@ from scipy.linalg import eigh, null_space
 from sidtool.formats.model import ModelFile
 from sidtool.formats.toml.reading import validate_data
 from sidtool.pipeline.model_to_sid import finite_element_model, sid_from_model
-from sidtool.reduction.admissible_space import AdmissibleSpace, constrained_space
+from sidtool.reduction.admissible_space import (
+    AdmissibleSpace,
+    PinnedFactors,
+    constrained_space,
+)
 from sidtool.reduction.body_frames import FRAMES, Frame, motion_rows
 from sidtool.reduction.methods import attachment_modes
 
@@ -72,6 +78,38 @@ def test_dense_algebra_agrees(
     assert_allclose(c @ moved, gaps, atol=1e-9 * np.abs(gaps).max())
     rest = elastic.T @ (stiffness @ moved)
     assert np.abs(rest).max() < 1e-7 * np.abs(elastic.T @ stiffness @ elastic).max()
+
+
+def test_loads_of_known_conditions_need_no_solution_and_factors_are_freed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Responses to loads at interfaces were computed twice, and factors outlived the
+    space until the garbage collector ran."""
+    body, outer = free(rod_data(Q4))
+    held = motion_rows(body, body.marker("crank_pin"), rotations=True)
+    outer = outer.with_constraints(held)
+    rows = motion_rows(body, body.marker("piston_pin"), rotations=True)
+    loads = np.hstack([np.ones((body.ndof, 1)), 3.0 * rows.T])
+    expected = outer.static(loads)
+    outer.with_constraints(rows).static(loads[:, :0])
+    solved, solve = list[int](), PinnedFactors.solve
+
+    def counted(factors: PinnedFactors, load: Any) -> Any:
+        solved.append(load.shape[1])
+        return solve(factors, load)
+
+    monkeypatch.setattr(PinnedFactors, "solve", counted)
+    found = outer.static(loads)
+    assert solved == [1]
+    assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
+    factors = weakref.ref(outer.factors)
+    monkeypatch.undo()
+    gc.disable()
+    try:
+        del outer
+        assert factors() is None
+    finally:
+        gc.enable()
 
 
 @pytest.mark.parametrize("frame", ["tangent", "buckens"])
