@@ -4,6 +4,7 @@ Physical names become node sets. Solid elements make the body; if there are none
 plane ones do. Elements of lower dimension only serve the sets.
 """
 
+from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -465,10 +466,12 @@ def _read_nodes_2(content: _MeshContent, lines: _SectionLines) -> None:
 
 
 def _add_node(content: _MeshContent, label: int, words: list[str], place: str) -> None:
-    check_label(label, place, "a node")
+    if label < 1:
+        check_label(label, place, "a node")
     values = parse_numbers(words, place, "x y z")
-    if len(values) < 3 or label in content.nodes:
-        problem = "is defined twice" if len(values) > 2 else "is cut off"
+    if len(values) != 3 or label in content.nodes:
+        several = f"has {len(values)} coordinates"
+        problem = several if len(values) != 3 else "is defined twice"
         raise InputError(f"node {label} {problem}", place=place, expected="x y z, once")
     content.nodes[label] = (values[0], values[1], values[2])
 
@@ -480,6 +483,30 @@ def _read_elements_2(content: _MeshContent, lines: _SectionLines) -> None:
         tags = values[3 : 3 + ntags][:1]
         _add_element(content, label, kind, values[3 + ntags :], tags, place)
     lines.end()
+    _merge_repeated_elements(content)
+
+
+def _merge_repeated_elements(content: _MeshContent) -> None:
+    """Merge elements that differ in their number and their physical group.
+
+    In version 2.2 an element has one group. Gmsh writes an element of several groups
+    once for each of them.
+    """
+    groups = {(kind, *tags) for _, kind, _, tags, _ in content.elements}
+    counts = Counter(kind for kind, *_ in groups)
+    if max(counts.values(), default=0) < 2:
+        return
+    known: dict[tuple[int, ...], list[int]] = {}
+    merged = []
+    for element in content.elements:
+        _, kind, nodes, tags, _ = element
+        if counts[kind] > 1:
+            own = known.setdefault((kind, *nodes), tags)
+            if own is not tags and not set(own).issuperset(tags):
+                own += tags
+                continue
+        merged.append(element)
+    content.elements = merged
 
 
 def _add_element(
@@ -490,7 +517,8 @@ def _add_element(
     tags: list[int],
     place: str,
 ) -> None:
-    check_label(label, place, "an element")
+    if label < 1:
+        check_label(label, place, "an element")
     if kind not in _TYPES:
         raise InputError(
             f"element {label} is of type {kind}, which is not supported",
@@ -548,7 +576,10 @@ def _imported_mesh(content: _MeshContent, unread: list[str]) -> ImportedMesh:
     for label, kind, nodes, tags, place in content.elements:
         dimension, _, ours, order = _TYPES[kind]
         check_defined(label, nodes, content.nodes, place)
-        names = [content.names.get((dimension, t), f"{dimension}.{t}") for t in tags]
+        names = [
+            content.names.get((dimension, abs(t)), f"{dimension}.{abs(t)}")
+            for t in tags  # of a negative sign where the direction is reversed
+        ]
         for name in names:
             sets.setdefault(name, set()).update(nodes)
         if dimension < top:

@@ -26,16 +26,13 @@ from sidtool.formats.storage.hdf5_files import check_own_data, check_size
 
 from ..mesh.deck_text import number_table, parse_integers, parse_numbers, read_lines
 from ..mesh.imported_mesh import ONLY_NODES
-from .matrix_market import is_matrix_market, read_matrix_market
+from .matrix_market import MAX_ROWS, is_matrix_market, read_matrix_market
 from .mesh_files import MESH_READERS, read_mesh
 
 #: Prefix of the names of arrays with node sets.
 _SET = "set."
 
 Indices = NDArray[np.int64]
-
-#: Larger row numbers are refused as damaged.
-_MOST_ROWS = 100_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,6 +143,7 @@ def read_nodes(path: str) -> tuple[Indices, Array, dict[str, Indices]]:
         mesh = read_mesh(path, [ONLY_NODES]).mesh
         pad = ((0, 0), (0, 3 - mesh.dimension))
         return mesh.labels, np.pad(mesh.positions, pad), dict(mesh.node_sets)
+    known: set[int] = set()
     labels, positions = [], []
     for place, words in _table_rows(path):
         if len(words) != 4:
@@ -156,7 +154,16 @@ def read_nodes(path: str) -> tuple[Indices, Array, dict[str, Indices]]:
                 expected="number x y z",
             )
         with_source = _SourcedParser(path)
-        labels.append(with_source.integers(words[:1], place)[0])
+        label = with_source.integers(words[:1], place)[0]
+        if label in known:
+            raise InputError(
+                f"node {label} is defined twice",
+                source=path,
+                place=place,
+                expected="one position",
+            )
+        known.add(label)
+        labels.append(label)
         positions.append(with_source.numbers(words[1:], place))
     return np.array(labels, np.int64), np.array(positions).reshape(-1, 3), {}
 
@@ -211,7 +218,7 @@ def _read_matrix(path: str) -> tuple[sp.csr_matrix, Indices | None]:
     if width == 3:
         i, j = keys.T - 1
         size = int(max(i.max(), j.max())) + 1
-        _check_range(i, j, min(size, _MOST_ROWS), "the matrix", path)
+        _check_range(i, j, min(size, MAX_ROWS), "the matrix", path)
         return sp.csr_matrix((table[:, 2], (i, j)), shape=(size, size)), None
     dofs, inverse = np.unique(
         np.vstack([keys[:, :2], keys[:, 2:]]), axis=0, return_inverse=True

@@ -17,6 +17,8 @@ from ..mesh.deck_text import number_table, parse_integers, read_lines
 _HEADER = "%%MatrixMarket matrix, coordinate or array, real or integer, general or "
 _SYMMETRIES = ("general", "symmetric")
 
+#: More rows are refused as damage.
+MAX_ROWS = 100_000_000
 _SYMMETRY_TOLERANCE = 1e-8
 #: Force of a unit rigid motion relative to the forces inside the elements. Text files
 #: of six digits are worse than rounding.
@@ -78,34 +80,48 @@ def _parse_matrix(lines: list[str]) -> sp.csr_matrix:
             f"has {len(rows) - 1} entries",
             expected=f"{size[2]}, as the line of sizes says (is the file cut off?)",
         )
-    return _parse_sparse(number_table(rows[1:], 3), size[0], symmetric)
+    places = [place for place, _ in rows[1:]]
+    return _parse_sparse(number_table(rows[1:], 3), places, size[0], symmetric)
 
 
 def _parse_sizes(words: list[str], place: str, sparse: bool) -> list[int]:
     size = parse_integers(words, place, "sizes")
-    if len(size) != 2 + sparse or size[0] != size[1] or size[0] < 1:
+    is_square = len(size) == 2 + sparse and size[0] == size[1]
+    if not is_square or not 1 <= size[0] <= MAX_ROWS:
         raise InputError(
             f"has sizes {' '.join(words)[:60]}",
             place=place,
-            expected="a square matrix" + (" and its number of entries" * sparse),
+            expected=f"a square matrix of at most {MAX_ROWS} rows"
+            + (" and its number of entries" * sparse),
         )
     return size
 
 
-def _parse_sparse(table: Array, size: int, symmetric: bool) -> sp.csr_matrix:
+def _parse_sparse(
+    table: Array, places: list[str], size: int, symmetric: bool
+) -> sp.csr_matrix:
     index = table[:, :2]
     wrong = (index != np.round(index)) | (index < 1) | (index > size)
     if wrong.any():
         row = int(np.flatnonzero(wrong.any(axis=1))[0])
         raise InputError(
-            f"entry {row + 1} is in row {index[row, 0]:g}, column {index[row, 1]:g}",
+            f"is in row {index[row, 0]:g}, column {index[row, 1]:g}",
+            place=places[row],
             expected=f"rows and columns from 1 to {size}",
         )
     i, j = index.astype(np.int64).T - 1
     matrix = sp.csr_matrix((table[:, 2], (i, j)), shape=(size, size))
     if not symmetric:
         return matrix
-    below = sp.tril(matrix, -1) + sp.triu(matrix, 1)
+    lower, upper = sp.tril(matrix, -1), sp.triu(matrix, 1)
+    twice = (abs(lower) > 0).multiply((abs(upper) > 0).T).tocoo()
+    if twice.nnz:
+        row, column = twice.row[0] + 1, twice.col[0] + 1
+        raise InputError(
+            f"holds row {row}, column {column} and row {column}, column {row}",
+            expected="one of both, as the matrix is symmetric, or general",
+        )
+    below = lower + upper
     return sp.csr_matrix(matrix + below.T)
 
 

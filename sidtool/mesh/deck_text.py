@@ -66,12 +66,22 @@ def read_lines(path: str | Path) -> list[str]:
     if not data.strip():
         raise InputError("is empty", source=path, expected="a mesh or a matrix")
     try:
-        return data.decode("utf-8-sig").splitlines()
+        return _split_lines(data.decode("utf-8-sig"))
     except UnicodeDecodeError:
         pass
     if b"\0" in data:
         raise InputError("holds binary data", source=path, expected="the text format")
-    return data.decode("latin-1").splitlines()
+    return _split_lines(data.decode("latin-1"))
+
+
+def _split_lines(text: str) -> list[str]:
+    """Lines as other programs end them.
+
+    `str.splitlines` also ends them at characters of comments, such as the ellipsis of
+    Windows (0x85). Form feeds of listings are no part of a line.
+    """
+    plain = text.replace("\r\n", "\n").replace("\r", "\n").replace("\f", "")
+    return plain.removesuffix("\n").split("\n")
 
 
 def _check_regular(path: Path) -> None:

@@ -109,7 +109,11 @@ _BRANCHES = {"*IF": 1, "*ELSE": 0, "*ELSEIF": 0, "*ENDIF": -1}
 _TEXTS = ("C***", "/COM", "/TITLE", "!")
 #: A line of a block that was refused or has no effect.
 _DATA = re.compile(r"\s*[-+(\d]")
-_FORMAT = re.compile(r"\((\d+)[iI](\d+)(?:,\s*(\d+)[aAeEgG](\d+))?")
+#: Integers and what follows them: (3i9,6e21.13e3), (2i9,19a9), (3i8,1p3e16.9).
+_FORMAT = re.compile(
+    r"\(\s*(\d*)i(\d+)(?:\.\d+)?\s*(?:,\s*(?:1p,?\s*)?(\d*)[adefg](\d+))?",
+    re.IGNORECASE | re.ASCII,
+)
 
 
 def element_kind(
@@ -324,27 +328,41 @@ def _read_types(content: ArchiveContent, words: list[str]) -> None:
                 content.options[key, i] = parse_integers([word], content.place)[0]
 
 
-def _block_rows(content: ArchiveContent) -> Iterator[tuple[list[str], list[str]]]:
-    """The integers and what follows them in the lines of a block, until its end."""
+def _block_rows(
+    content: ArchiveContent, has_reals: bool = False
+) -> Iterator[tuple[list[str], list[str]]]:
+    """The integers and what follows them in the lines of a block, until its end.
+
+    Blank integers before others are zero.
+
+    Raises
+    ------
+    InputError : there is no format, or one without reals where there must be some.
+    """
     match = _FORMAT.search(content.next())
     if match is None:
         wanted = "a line like (3i9,6e21.13e3)"
         raise InputError("has no format", place=content.place, expected=wanted)
     count, width, _, wide = (int(x) if x else 0 for x in match.groups())
+    count = count or 1
+    if has_reals and not wide:
+        wanted = "numbers behind the integers, as in (3i9,6e21.13e3)"
+        raise InputError("has no coordinates", place=content.place, expected=wanted)
     while True:
         line = content.next()
         start = line.strip().upper()
         if start == "-1" or start.startswith("N,"):
             return
-        whole = [line[i * width : (i + 1) * width] for i in range(count)]
+        given = line[: count * width].rstrip()
+        whole = [given[i : i + width] for i in range(0, len(given), width)]
         rest = line[count * width :] if wide else ""
         reals = [rest[i : i + wide] for i in range(0, len(rest.rstrip()), wide or 1)]
-        yield [x for x in whole if x.strip()], reals
+        yield [x if x.strip() else "0" for x in whole], reals
 
 
 def _read_nblock(content: ArchiveContent, words: list[str]) -> None:
     before, announced = len(content.nodes), _announced_count(words)
-    for whole, reals in _block_rows(content):
+    for whole, reals in _block_rows(content, has_reals=True):
         label = parse_integers(whole[:1] or [""], content.place, "a node number")[0]
         _add_node(content, label, reals)
     _check_count("NBLOCK", announced, len(content.nodes) - before)

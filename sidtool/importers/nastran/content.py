@@ -490,7 +490,7 @@ def reorder_left_handed(content: BulkData) -> None:
     """
     by_kind: dict[str, list[int]] = {}
     for row, (_, _, kind, *_) in enumerate(content.elements):
-        if shape_of(kind) in _MIRRORED:
+        if content.nodes and shape_of(kind) in _MIRRORED:
             by_kind.setdefault(kind, []).append(row)
     for kind, rows in by_kind.items():
         listed = [content.elements[row][3] for row in rows]

@@ -1,0 +1,93 @@
+"""Lines that are rare and mean something: read as the format means them, or refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from sidtool.formats.base.errors import InputError
+from sidtool.importers.matrix_market import read_matrix_market
+from sidtool.importers.mesh_files import read_mesh
+from sidtool.mesh.mesh import Mesh
+
+from .test_number_texts import CELL, CORNERS, DECKS
+
+POSITIONS = np.array(CORNERS, dtype=float)
+
+
+def mesh_of(folder: Path, ending: str, *changes: tuple[str, str]) -> Mesh:
+    """Read a deck of one cell with some changes of its text."""
+    text = DECKS[ending]
+    for before, behind in changes:
+        assert before in text
+        text = text.replace(before, behind)
+    path = folder / f"file.{ending}"
+    path.write_bytes(text.encode("latin-1"))
+    return read_mesh(path).mesh
+
+
+@pytest.mark.parametrize("character", ["\x85", "\x1c", "\f"])
+def test_only_ends_of_lines_end_lines(tmp_path: Path, character: str) -> None:
+    """The byte 0x85 is an ellipsis of Windows."""
+    for ending, before, comment in (
+        ("inp", "2, 1., 0.", "** {}3, 9., 9., 9.\n"),
+        ("bdf", "GRID    2", "$ {}GRID,99,,9.,9.,9.\n"),
+    ):
+        line = comment.format(character) + before
+        found = mesh_of(tmp_path, ending, (before, line))
+        assert_array_equal(found.positions[:8], POSITIONS)
+        assert 99 not in found.labels
+
+
+def test_a_page_of_a_listing_shifts_no_fields(tmp_path: Path) -> None:
+    found = mesh_of(tmp_path, "bdf", ("GRID    5", "\fGRID    5"))
+    assert_array_equal(found.positions[:8], POSITIONS)
+
+
+def test_elements_of_several_groups_of_gmsh_count_once(tmp_path: Path) -> None:
+    """Version 2.2 has them once for each group, with other numbers."""
+    cell = CELL.replace(",", " ")
+    again = f"\n2\n1 5 2 3 3 {cell}\n7 5 2 -4 3 {cell}\n"
+    before = f"\n1\n1 5 2 3 3 {cell}\n"
+    found = mesh_of(tmp_path, "msh", (before, again))
+    (block,) = found.blocks
+    assert_array_equal(block.labels, [1])
+    assert set(found.node_sets) == {"3.3", "3.4"}
+
+
+def test_a_blank_in_a_coordinate_of_gmsh(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="has 4 coordinates") as caught:
+        mesh_of(tmp_path, "msh", ("2 1 0 0", "2 1 .5 0 0"))
+    assert caught.value.place == "line 7"
+
+
+@pytest.mark.parametrize("form", ["(3i9,1p3e9.1)", "( 3I9, 3d9.1 )", "(3i9.9,3g9.1)"])
+def test_formats_of_archives(tmp_path: Path, form: str) -> None:
+    """With blank integers, which are zero."""
+    blank = ("        2        0        0", "        2                  ")
+    found = mesh_of(tmp_path, "cdb", ("(3i9,3e9.1)", form), blank)
+    assert_array_equal(found.positions, POSITIONS)
+
+
+def test_a_format_without_coordinates(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="has no coordinates"):
+        mesh_of(tmp_path, "cdb", ("(3i9,3e9.1)", "(3i9)"))
+
+
+def test_symmetric_matrices_with_both_triangles(tmp_path: Path) -> None:
+    path = tmp_path / "k.mtx"
+    head = "%%MatrixMarket matrix coordinate real"
+    entries = "2 2 3\n1 1 1.\n1 2 2.\n2 1 2.\n"
+    path.write_text(f"{head} general\n{entries}", encoding="utf-8")
+    assert_array_equal(read_matrix_market(str(path)).toarray(), [[1, 2], [2, 0]])
+    path.write_text(f"{head} symmetric\n{entries}", encoding="utf-8")
+    with pytest.raises(InputError, match="row 2, column 1 and row 1, column 2"):
+        read_matrix_market(str(path))
+    path.write_text(
+        f"{head} general\n{'9' * 12} {'9' * 12} 1\n1 1 1.\n", encoding="utf-8"
+    )
+    with pytest.raises(InputError, match="has sizes"):
+        read_matrix_market(str(path))
