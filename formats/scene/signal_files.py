@@ -177,7 +177,7 @@ def _read_text(path: Path, columns: Sequence[Column]) -> list[SignalColumn]:
     separator = next((c for c in ";\t," if c in numbered[0][1]), None)
     rows = [(k, _cells(line, separator)) for k, line in numbered]
     header: list[str] = []
-    if not all(map(is_finite_number, rows[0][1])):
+    if not is_finite_number(rows[0][1][0]):
         header = rows[0][1]
         rows = rows[1:]
     width = len(header or rows[0][1])

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.numbers import real_of_text
 from sidtool.formats.base.progress import Listener, use_listener
 from sidtool.formats.base.sid import SID
 from sidtool.formats.scene import SceneFile
@@ -116,7 +117,7 @@ def parse_accuracy_options(texts: Iterable[str]) -> Wanted | None:
         if not (name and sign and amount):
             raise _invalid_option(text)
         try:
-            amounts[name] = float(amount)
+            amounts[name] = real_of_text(amount)
         except ValueError:
             amounts[name] = amount
     return amounts
@@ -125,9 +126,10 @@ def parse_accuracy_options(texts: Iterable[str]) -> Wanted | None:
 def _number(text: str) -> float:
     percent = text.strip().endswith("%")
     try:
-        value = float(text.strip().removesuffix("%")) / (100.0 if percent else 1.0)
+        value = real_of_text(text.strip().removesuffix("%"))
     except ValueError:
         raise _invalid_option(text) from None
+    value /= 100.0 if percent else 1.0
     if not MIN_RELATIVE_ERROR <= value <= MAX_RELATIVE_ERROR:
         raise _invalid_option(text)
     return value

@@ -3,6 +3,7 @@
 from typing import Any
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.numbers import real_of_text
 from sidtool.formats.base.sid import SID
 from sidtool.formats.scene import (
     Damping,
@@ -37,7 +38,7 @@ def with_damping_law(sid: SID, law: str) -> SID:
 def _damping_table(law: str) -> Damping:
     kind, _, text = law.partition(":")
     try:
-        values = tuple(float(value) for value in text.split(",")) if text else ()
+        values = tuple(real_of_text(word) for word in text.split(",")) if text else ()
         if min(values, default=0.0) >= 0.0:
             return _LAWS[kind](*values)
     except (KeyError, TypeError, ValueError):

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.numbers import integer_of_text
 from sidtool.formats.base.sid import SID
 from sidtool.formats.geometric_stiffening import has_stiffening
 from sidtool.formats.model import ModelFile
@@ -116,7 +117,7 @@ def _parse_value(axis: str, text: str) -> Any:
     else:
         least, most = (-4, 4) if axis == "mesh" else (0, 1000)
         try:
-            number = int(text)
+            number = integer_of_text(text)
         except ValueError:
             number = most + 1
         if least <= number <= most:

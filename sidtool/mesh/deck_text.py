@@ -29,6 +29,8 @@ MAX_LABEL = 2**63 - 1
 #: Largest number of INCLUDE lines of a deck: ten files that include each other ten
 #: times would give 10^10.
 MAX_INCLUDES = 1000
+#: Largest number of further lines of the name of a file.
+NAME_LINES = 10
 #: Pattern of a line that includes a file, in `.inp` and `.bdf`.
 _TAKES_IN = re.compile(
     r"\s*\*.*\bINPUT\s*=\s*(?P<inp>[^,]+)|\s*INCLUDE\s+(?P<bdf>\S.*)", re.IGNORECASE
@@ -243,6 +245,24 @@ def named_file(deck: Path, name: str) -> Path:
     return path
 
 
+def joined_name(text: str, following: Sequence[str]) -> tuple[str, int]:
+    """Return the name of a file without its quotes, and how many lines continue it.
+
+    In quotes it may extend over lines (Nastran).
+    """
+    name = text.strip()
+    quote = name[:1]
+    if quote and quote in "'\"" and quote not in name[1:]:
+        for count, line in enumerate(following, start=1):
+            if line.lstrip()[:7].upper() == "INCLUDE":
+                break
+            name += line.strip()
+            if quote in line:
+                return name.split(quote)[1], count
+        name = text.strip()
+    return name.strip("'\""), 0
+
+
 def located_line(number: int, file: str) -> str:
     """Return the location of a line, with the name of an included file."""
     return f"{file}, line {number}" if file else f"line {number}"
@@ -272,9 +292,11 @@ def deck_files(path: Path) -> list[Path]:
     files, waiting = [path], [path]
     while waiting and len(files) < MAX_INCLUDES:
         file = waiting.pop()
-        for line in _lines_of_file(file):
+        lines = _lines_of_file(file)
+        for i, line in enumerate(lines):
             if match := _TAKES_IN.match(line.split("$")[0]):
-                name = (match["inp"] or match["bdf"]).strip().strip("'\"")
+                name = match["inp"] or match["bdf"]
+                name, _ = joined_name(name, lines[i + 1 : i + 1 + NAME_LINES])
                 other = named_file(file, name)
                 if other not in files:
                     files.append(other)

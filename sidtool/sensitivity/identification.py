@@ -25,6 +25,7 @@ from scipy.stats import t as student
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.html import html_table
+from sidtool.formats.base.numbers import real_of_text
 from sidtool.formats.base.sid import Array
 from sidtool.formats.diagnostics import Diagnostic
 from sidtool.formats.scene import SceneFile
@@ -394,7 +395,7 @@ def parse_target(text: str, scene: SceneFile) -> Target:
     of, _, rest = text.rpartition("=")
     value, _, deviation = rest.partition("+-")
     try:
-        numbers = float(value), float(deviation)
+        numbers = real_of_text(value), real_of_text(deviation)
     except ValueError:
         numbers = np.nan, np.nan
     if not (of and np.isfinite(numbers).all() and numbers[1] > 0.0):

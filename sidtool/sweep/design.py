@@ -12,6 +12,7 @@ import numpy as np
 from pydantic import BaseModel
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.numbers import integer_of_text
 from sidtool.formats.base.sid import SID
 from sidtool.formats.model import ModelFile, read_model
 from sidtool.formats.scene import SceneFile
@@ -112,7 +113,7 @@ def _parse_range(text: str, parts: list[str]) -> tuple[float, ...]:
     """
     try:
         first, last = (evaluate_number(part, {}) for part in parts[:2])
-        count = int(parts[2])
+        count = integer_of_text(parts[2])
     except (InputError, ValueError):
         raise InputError(
             f"found {text!r}", place="--over", expected=_RANGE_FORM

@@ -42,6 +42,10 @@ def test_words_of_tables(tmp_path: Path, word: str) -> None:
         with pytest.raises(InputError) as caught:
             read(path)
         assert caught.value.place == "line 4"
+    path.write_text(f"0,{word}\n1,2\n", encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        read_columns(path, [1, 2])
+    assert caught.value.place == "line 1"  # no header
     path.write_text(f"position,EA\n0,1\n1,{word}\n", encoding="utf-8")
     with pytest.raises(InputError, match="found"):
         read_stations(path)

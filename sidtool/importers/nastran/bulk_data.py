@@ -197,6 +197,12 @@ def _read_grid(content: BulkData, card: Card) -> None:
         raise duplicate_error("node", label, card)
     _only_zero(card, (7,), f"node {label} belongs to a superelement")
     place = card.integer(1, "a coordinate system", -1)
+    if place < 0 and card.word(1):
+        raise InputError(
+            f"node {label} is in the coordinate system {place}",
+            place=card.place,
+            expected="0 or the number of a system",
+        )
     what = "a coordinate"
     position = card.real(2, what), card.real(3, what), card.real(4, what)
     directions = card.integer(5, "a coordinate system", -1)

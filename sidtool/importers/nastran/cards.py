@@ -22,8 +22,10 @@ from sidtool.formats.base.numbers import is_label, is_plain
 from sidtool.formats.toml.reading import LARGEST_NUMBER
 
 from ...mesh.deck_text import (
+    NAME_LINES,
     IncludedFiles,
     check_label,
+    joined_name,
     located_line,
     named_file,
     parse_integers,
@@ -279,7 +281,7 @@ def read_cards(path: Path, included: IncludedFiles | None = None) -> list[Card]:
     included = included or IncludedFiles()
     included.enter(path)
     lines = list(enumerate(read_lines(path), start=1))
-    start, control = _split_case_control(lines)
+    start, control = _split_case_control(path, lines, included)
     collector = _CardCollector()
     cards = collector.cards
     nested = path.name if len(included.open) > 1 else ""
@@ -307,17 +309,17 @@ def read_cards(path: Path, included: IncludedFiles | None = None) -> list[Card]:
         if first == "ENDDATA":
             break
         if first == "BEGIN":
-            raise InputError(
-                f"holds {text.strip()}, which is not supported",
-                place=place,
-                expected="bulk data without superelements",
-            )
+            raise _superelement_error(text, place)
         if first == "INCLUDE":
-            cards += _included_cards(path, text, place, included)
+            further = [text for _, text in lines[i : i + NAME_LINES]]
+            file, count = _included_file(path, text, further, place)
+            cards += read_cards(file, included)
+            i += count
             continue
         collector.add(text, place)
     included.open.pop()
-    return control + collector.finish()
+    # parameters of case control take precedence over those of the bulk data
+    return control[:1] + collector.finish() + control[1:]
 
 
 def _grid_run(
@@ -340,6 +342,7 @@ def _grid_run(
     except ValueError:
         return None, behind
     is_usual = (np.abs(positions) <= LARGEST_NUMBER).all() and min(numbers) > 0
+    is_usual = is_usual and all("-" not in x for x in known)
     if not is_usual or len(set(numbers)) < len(numbers):
         return None, behind
     places = [located_line(n, nested) for n, _ in lines[first : behind : len(heads)]]
@@ -408,31 +411,69 @@ def _uniform_columns(
     return columns, first + count
 
 
-def _split_case_control(lines: list[tuple[int, str]]) -> tuple[int, list[Card]]:
-    """Return where bulk data begin, and the case control before them as a card.
+def _split_case_control(
+    path: Path, lines: list[tuple[int, str]], included: IncludedFiles
+) -> tuple[int, list[Card]]:
+    """Return where bulk data begin, and the case control before them as cards.
 
     They begin after BEGIN BULK, or without it after the case control that follows CEND,
-    or without that at the start of the file. The card holds the sets that MPC selects,
-    and as its mark whether there are temperatures.
+    or without that at the start of the file. The first card holds the sets that MPC
+    selects, and as its mark whether there are temperatures. PARAM WTMASS may follow.
     """
     begin = _first_line(lines, "BEGIN BULK", "BULK")
-    end = _first_line(lines, "CEND", "CEND") if begin is None else None
+    end = _first_line(lines[:begin], "CEND", "CEND")
     if begin is None and end is None:
         return 0, []
-    texts = [_without_blanks(text.split("$")[0]) for _, text in lines[:begin]]
-    start = len(texts)
-    if end is not None:
-        rest = range(end + 1, len(texts))
-        start = next((i for i in rest if not _is_control(texts[i])), start)
-    if not any(texts[:start]):
+    own = [_without_blanks(text.split("$")[0]) for _, text in lines[:begin]]
+    start = len(own)
+    if begin is None and end is not None:
+        rest = range(end + 1, len(own))
+        start = next((i for i in rest if not _is_control(own[i])), start)
+    if not any(own[:start]):
         return start + (begin is not None), []
-    named = [_MPC.match(text) for text in texts[:start]]
+    first = 0 if end is None else end + 1
+    texts = list(_control_texts(path, lines[first:start], included))
+    named = [_MPC.match(text) for text, _ in texts]
     words = [match.group(1) for match in named if match]
-    is_heated = any(_TEMPERATURE.match(text) for text in texts[:start])
+    is_heated = any(_TEMPERATURE.match(text) for text, _ in texts)
     mark = HEATED if is_heated else ""
+    split = [(text.replace(",", " ").split(), place) for text, place in texts]
     return start + (begin is not None), [
-        Card(CASE_CONTROL, f"line {start}", words, mark)
+        Card(CASE_CONTROL, f"line {start}", words, mark),
+        *(
+            Card("PARAM", place, words[1:])
+            for words, place in split
+            if words[:2] == ["PARAM", "WTMASS"]
+        ),
     ]
+
+
+def _control_texts(
+    path: Path, lines: list[tuple[int, str]], included: IncludedFiles
+) -> Iterator[tuple[str, str]]:
+    """The commands of case control and of the files that it includes, with places."""
+    nested = path.name if len(included.open) > 1 else ""
+    for i, (number, raw) in enumerate(lines):
+        text, place = raw.split("$")[0].strip(), located_line(number, nested)
+        if text.split(None, 1)[:1] and text.split(None, 1)[0].upper() == "INCLUDE":
+            further = [line for _, line in lines[i + 1 : i + 1 + NAME_LINES]]
+            file, _ = _included_file(path, text, further, place)
+            included.enter(file)
+            numbered = list(enumerate(read_lines(file), start=1))
+            yield from _control_texts(file, numbered, included)
+            included.open.pop()
+        elif text[:6].upper() == "BEGIN ":
+            raise _superelement_error(text, place)
+        else:
+            yield _without_blanks(text), place
+
+
+def _superelement_error(text: str, place: str) -> InputError:
+    return InputError(
+        f"holds {text.strip()}, which is not supported",
+        place=place,
+        expected="bulk data without superelements",
+    )
 
 
 def _first_line(lines: list[tuple[int, str]], command: str, part: str) -> int | None:
@@ -452,17 +493,18 @@ def _without_blanks(text: str) -> str:
     return " ".join(text.upper().split())
 
 
-def _included_cards(
-    path: Path, text: str, place: str, included: IncludedFiles
-) -> list[Card]:
-    name = text.strip()[len("INCLUDE") :].strip().strip("'\"")
+def _included_file(
+    path: Path, text: str, following: Sequence[str], place: str
+) -> tuple[Path, int]:
+    """The file that a line includes, and how many lines continue its name."""
+    name, count = joined_name(text.strip()[len("INCLUDE") :], following)
     if not name:
         raise InputError(
             "names no file",
             place=place,
             expected="INCLUDE 'FILE'",
         )
-    return read_cards(named_file(path, name), included)
+    return named_file(path, name), count
 
 
 class _CardCollector:
@@ -592,7 +634,7 @@ def _continue(card: Card, words: list[str], after: str) -> None:
 
 def _split_fields(text: str, place: str) -> tuple[str, list[str], str]:
     """Name, data fields (8, or 4 large ones) and the mark at the end."""
-    if "," in text:
+    if "," in text[:_MARK_START]:
         fields = [word.strip() for word in text.rstrip(" ,").split(",")]
         count = 4 if "*" in fields[0] else 8
         if len(fields) > count + 2:

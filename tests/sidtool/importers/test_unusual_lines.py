@@ -11,6 +11,7 @@ from numpy.testing import assert_array_equal
 from sidtool.formats.base.errors import InputError
 from sidtool.importers.matrix_market import read_matrix_market
 from sidtool.importers.mesh_files import read_mesh
+from sidtool.mesh.materials import Material
 from sidtool.mesh.mesh import Mesh
 
 from .test_number_texts import CELL, CORNERS, DECKS
@@ -91,3 +92,47 @@ def test_symmetric_matrices_with_both_triangles(tmp_path: Path) -> None:
     )
     with pytest.raises(InputError, match="has sizes"):
         read_matrix_market(str(path))
+
+
+def bulk_density(folder: Path, before: str, ending: str = "ENDDATA\n") -> float:
+    """The density of a deck of bulk data behind other lines."""
+    path = folder / "part.bdf"
+    path.write_text(
+        before + DECKS["bdf"].replace("ENDDATA\n", ending), encoding="utf-8"
+    )
+    (material,) = read_mesh(path).materials.values()
+    assert isinstance(material, Material)
+    return material.density
+
+
+@pytest.mark.parametrize("line", ["PARAM,WTMASS,2.59-3", "param   wtmass .00259 $ lb"])
+def test_wtmass_of_case_control(tmp_path: Path, line: str) -> None:
+    """It takes precedence over that of the bulk data, and may be in a file."""
+    (tmp_path / "case.inc").write_text(f"SPC = 1\n{line}\n", encoding="utf-8")
+    for control in (line, "INCLUDE 'case.inc'"):
+        before = f"INCLUDE 'no.dmap'\nCEND\n{control}\nBEGIN BULK\n"
+        assert bulk_density(tmp_path, before) == 2.59e-3
+        assert bulk_density(tmp_path, before, "PARAM,WTMASS,3.\n") == 2.59e-3
+    assert bulk_density(tmp_path, "CEND\nBEGIN BULK\n", "PARAM,WTMASS,3.\n") == 3.0
+
+
+def test_superelements_before_the_bulk_data_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="BEGIN SUPER=1") as caught:
+        bulk_density(tmp_path, "CEND\nBEGIN SUPER=1\nGRID,1\nBEGIN BULK\n")
+    assert caught.value.place == "line 2"
+
+
+def test_names_of_included_files_extend_over_lines(tmp_path: Path) -> None:
+    (tmp_path / "materials").mkdir()
+    (tmp_path / "materials" / "one.bdf").write_text("SET1,7,1\n", encoding="utf-8")
+    text = "INCLUDE 'materials/\n        one.bdf'\n"
+    found = mesh_of(tmp_path, "bdf", ("SET1,1,3\n", text))
+    assert_array_equal(found.node_sets["SET7"], [0])
+
+
+def test_fields_behind_the_last_column(tmp_path: Path) -> None:
+    line = f"{'GRID    2               1.      0.      0.':72}"
+    found = mesh_of(tmp_path, "bdf", (line.rstrip(), f"{line}a,b"))
+    assert_array_equal(found.positions[:8], POSITIONS)
+    with pytest.raises(InputError, match="node 2 is in the coordinate system -1"):
+        mesh_of(tmp_path, "bdf", ("GRID    2         ", "GRID    2       -1"))
