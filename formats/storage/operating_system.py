@@ -349,6 +349,16 @@ def processors() -> int:
     return os.cpu_count() or 1
 
 
+def release_free_memory() -> None:
+    """Return memory to the system that the allocator of C keeps for later (glibc)."""
+    import ctypes
+
+    if not (WINDOWS or MACOS):
+        trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
+        if trim is not None:
+            trim(0)
+
+
 def busy_seconds(passed: float, busy: float) -> float:
     """Return the part of an elapsed time [s] in which a processor worked for this
     program.

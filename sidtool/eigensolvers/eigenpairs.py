@@ -13,7 +13,7 @@ from sidtool.formats.base.sid import Array
 
 from ..mesh.mesh import Indices
 from ..mesh.quadratic_fields import softest_deformation
-from .factorisation import engine_name, symmetric_factors
+from .factorisation import begin_stage, engine_name, symmetric_factors
 from .lanczos import ACCURATE, Accuracy, Pencil, dominant_vectors, expected_blocks
 from .multigrid import MultigridFactors, multigrid_eigenvectors
 from .projected_matrix import SymmetricMatrix, products_of_magnitudes
@@ -253,9 +253,9 @@ def _invariant_space(
     if multigrid is not None:
         notify("eigenvectors")
         return multigrid_eigenvectors(pencil, count, *multigrid, accuracy)
-    known = pencil.rigid.shape[1]
+    n, known = pencil.rigid.shape
     solve = static or symmetric_factors(pencil.shifted, places).solve
-    notify("eigenvectors")
+    begin_stage("eigenvectors", n)
     counter = ProgressCounter(
         "eigenvectors: {} blocks of solutions", expected_blocks(count)
     )

@@ -29,6 +29,7 @@ from scipy.sparse.linalg import splu
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.interruptible import call_interruptibly
 from sidtool.formats.base.sid import Array
+from sidtool.formats.storage.operating_system import release_free_memory
 
 from .multigrid import MultigridFactors, NodalUnknowns
 from .pardiso import PardisoFactors, import_pypardiso
@@ -103,12 +104,19 @@ def symmetric_factors(
     if places is not None and count >= _LARGE:
         costs = f", which may take {expected_gigabytes(places, count):.1f} GB"
         costs += _expected_durations(name, places, count)
-    notify(f"factorising {count} equations by {name}{costs}")
+    begin_stage(f"factorising {count} equations by {name}{costs}", count)
     if name == "multigrid" and nodal is not None:
         return MultigridFactors(matrix.tocsr(), nodal)
     if name == "superlu":
         return _Superlu(matrix.tocsr(), places)
     return ENGINES[name][1](matrix)
+
+
+def begin_stage(text: str, count: int) -> None:
+    """Report a stage; if it has many equations, free memory goes back to the system."""
+    if count >= _LARGE:
+        release_free_memory()
+    notify(text)
 
 
 def indefinite_factors(matrix: sp.csr_matrix, places: Array | None = None) -> Factors:

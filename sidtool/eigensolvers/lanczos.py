@@ -123,7 +123,11 @@ def dominant_vectors(
 
 
 class _KrylovSpace:
-    """M-orthonormal Lanczos vectors, M times them, and the operator in their space."""
+    """M-orthonormal Lanczos vectors, and the operator in their space.
+
+    M times the vectors is kept of the last two blocks only: beside the factors, that of
+    all would take as much memory as the vectors.
+    """
 
     def __init__(
         self,
@@ -137,7 +141,7 @@ class _KrylovSpace:
         self._random = np.random.default_rng(0)
         self._limit = min(n, 20 * count + 200)
         self._vectors = np.empty((n, min(n, 4 * count + 12 * BLOCK_SIZE)), order="F")
-        self._vector_momenta = np.empty_like(self._vectors)
+        self._momenta_before = np.empty((n, 0))
         self._size = 0
         self._small = np.zeros((self._limit,) * 2)
         self._coupling = np.zeros((0, 0))
@@ -161,10 +165,10 @@ class _KrylovSpace:
             raise RuntimeError("the eigenvectors do not converge")
         self._reserve_columns(last)
         self._vectors[:, first:last] = self._next
-        self._vector_momenta[:, first:last] = self._momenta
         self._size = last
         image = self._operator(self._momenta)
-        near = slice(first - self._coupling.shape[1], last)
+        near = np.hstack([self._momenta_before, self._momenta])
+        self._momenta_before = self._momenta
         self._next, self._momenta, self._coupling, column = self._orthonormal(
             image, near
         )
@@ -213,11 +217,9 @@ class _KrylovSpace:
     def _reserve_columns(self, size: int) -> None:
         n, capacity = self._vectors.shape
         if size > capacity:
-            shape, kept = (n, min(n, 2 * capacity)), slice(self._size)
-            for name in ("_vectors", "_vector_momenta"):
-                larger = np.empty(shape, order="F")
-                larger[:, kept] = getattr(self, name)[:, kept]
-                setattr(self, name, larger)
+            larger = np.empty((n, min(n, 2 * capacity)), order="F")
+            larger[:, : self._size] = self._vectors[:, : self._size]
+            self._vectors = larger
 
     def _first(self, rigid: Array) -> tuple[Array, Array]:
         return (
@@ -239,27 +241,31 @@ class _KrylovSpace:
         return self._new_directions(self._operator(load))
 
     def _new_directions(self, block: Array) -> tuple[Array, Array]:
-        return self._orthonormal(block, slice(0))[:2]
+        return self._orthonormal(block, block[:, :0])[:2]
 
     def _orthonormal(
-        self, block: Array, near: slice
+        self, block: Array, near: Array
     ) -> tuple[Array, Array, Array, Array]:
         """Return new directions in a block, M times them, and the block in terms of
         them and of the known vectors.
 
-        Directions that are not new are omitted. Components along the `near` vectors
-        are subtracted first, so that rounding errors in them do not stay.
+        Directions that are not new are omitted. Components along the last vectors are
+        subtracted first, so that rounding errors in them do not stay.
+
+        Parameters
+        ----------
+        near : (n, m) M times the last m vectors
         """
-        vectors, momenta = (
-            x[:, : self._size] for x in (self._vectors, self._vector_momenta)
-        )
+        vectors = self._vectors[:, : self._size]
         column = np.zeros((self._size, block.shape[1]))
         change = np.eye(block.shape[1])
-        column[near] = momenta[:, near].T @ block
-        block = block - _combined(vectors[:, near], column[near])
+        last = slice(self._size - near.shape[1], self._size)
+        column[last] = near.T @ block
+        block = block - _combined(vectors[:, last], column[last])
+        block_momenta = self._mass @ block
         size = 0.0
         for _ in range(_MAX_PASSES):
-            known = momenta.T @ block
+            known = vectors.T @ block_momenta
             block = block - _combined(vectors, known)
             column += known @ change
             block_momenta = self._mass @ block

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from sidtool.formats.base.interruptible import call_interruptibly
 from sidtool.formats.base.sid import Array
+from sidtool.formats.storage.operating_system import release_free_memory
 
 from .projected_matrix import Assembled
 
@@ -88,7 +89,9 @@ class PardisoFactors:
         state = self._handle, self._parameters
         weakref.finalize(self, _release, self._function, *state).atexit = False
         nothing = np.zeros(0)
+        release_free_memory()
         call_interruptibly(lambda: self._call(_FACTORISE, nothing, nothing))
+        release_free_memory()
         # solutions without refinement read the factors only
         _, starts, columns = self._matrix
         self._matrix = np.zeros(1), starts, columns[:1].copy()

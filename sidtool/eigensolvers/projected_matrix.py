@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Protocol
 
 import numpy as np
@@ -9,6 +10,9 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from sidtool.formats.base.sid import Array
+
+#: Entries of a matrix whose magnitudes are computed at a time.
+_ENTRIES_AT_A_TIME = 1_000_000
 
 
 class Assembled(Protocol):
@@ -61,7 +65,7 @@ class ProjectedMatrix:
         """Products of the absolute values of the entries with vectors (n, k)."""
         _, count, below = self._parts()
         below, plain = abs(below), self._transform[:, :count]
-        moved = _magnitudes(self._matrix) @ (plain @ vectors[:count])
+        moved = _products_of_magnitudes(self._matrix, plain @ vectors[:count])
         beside = below[:, :count].T @ vectors[count:]
         return np.vstack([plain.T @ moved + beside, below @ vectors])
 
@@ -105,12 +109,15 @@ def products_of_magnitudes(matrix: SymmetricMatrix, vectors: Array) -> Array:
     """Products of the absolute values of the entries with vectors (n, k)."""
     if isinstance(matrix, ProjectedMatrix):
         return matrix.products_of_magnitudes(vectors)
-    return np.asarray(_magnitudes(matrix.tocsr()) @ vectors)
+    return _products_of_magnitudes(matrix.tocsr(), vectors)
 
 
-def _magnitudes(matrix: sp.csr_matrix) -> sp.csr_matrix:
-    parts = (np.abs(matrix.data.real), matrix.indices, matrix.indptr)
-    return sp.csr_matrix(parts, shape=matrix.shape)
+def _products_of_magnitudes(matrix: sp.csr_matrix, vectors: Array) -> Array:
+    """The same, by groups of rows: there would be no room for all magnitudes."""
+    limits = np.arange(0, matrix.nnz + _ENTRIES_AT_A_TIME, _ENTRIES_AT_A_TIME)
+    rows = np.searchsorted(matrix.indptr, limits).clip(max=matrix.shape[0])
+    groups = pairwise([*rows.tolist(), matrix.shape[0]])
+    return np.concatenate([abs(matrix[a:b].real) @ vectors for a, b in groups])
 
 
 def _selected_numbers(transform: sp.csr_matrix) -> NDArray[np.int32]:

@@ -24,11 +24,10 @@ from ..eigensolvers.eigenpairs import (
     rotation_to_axes,
     symmetric_factors,
 )
-from ..eigensolvers.factorisation import Factors, engine_name
+from ..eigensolvers.factorisation import Factors, begin_stage, engine_name
 from ..eigensolvers.lanczos import ACCURATE, BLOCK_SIZE, Accuracy
 from ..eigensolvers.multigrid import MultigridFactors, NodalUnknowns
 from ..eigensolvers.projected_matrix import ProjectedMatrix, SymmetricMatrix
-from ..eigensolvers.slepc import notify
 from ..elements.finite_element_model import FiniteElementModel
 from ..elements.mortar_ties import elimination_matrix
 from ..mesh.reference_elements import element_edges
@@ -200,7 +199,7 @@ class AdmissibleSpace:
         ----------
         motions : (k, n) values of the constraints instead of zero
         """
-        notify(f"static responses: {loads.shape[1]}")
+        begin_stage(f"static responses: {loads.shape[1]}", len(loads))
         solver = self._static
         respond = self.factors.static_responses
         return self.displacements(solver.solve(self.loads(loads), motions, respond))

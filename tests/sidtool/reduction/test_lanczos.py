@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from itertools import combinations
 
 import numpy as np
@@ -13,7 +14,7 @@ from scipy.spatial import Delaunay
 
 from sidtool.eigensolvers.eigenpairs import lowest_eigenpairs
 from sidtool.eigensolvers.factorisation import nested_dissection, symmetric_factors
-from sidtool.eigensolvers.lanczos import Accuracy, dominant_vectors
+from sidtool.eigensolvers.lanczos import BLOCK_SIZE, Accuracy, dominant_vectors
 
 
 def grid(*sizes: int) -> tuple[sp.csr_matrix, np.ndarray]:
@@ -82,6 +83,20 @@ def test_an_exhausted_space_is_left() -> None:
     vectors = dominant_vectors(operator, mass, 7, np.zeros((400, 0)))
     assert_allclose(vectors.T @ (mass @ vectors), np.eye(7), atol=1e-12)
     assert_allclose(vectors[7:], 0, atol=1e-10)
+
+
+def test_memory_is_that_of_the_vectors() -> None:
+    """M times all of them took as much again."""
+    n, count = 10_000, 10
+    values = np.arange(1.0, n + 1.0)[:, None] ** 2
+    mass = sp.csr_matrix(sp.eye_array(n))
+    tracemalloc.start()
+    try:
+        dominant_vectors(lambda x: x / values, mass, count, np.zeros((n, 0)))
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < 1.8 * (4 * count + 12 * BLOCK_SIZE) * values.nbytes
 
 
 def test_an_operator_that_is_not_positive_is_refused() -> None:
