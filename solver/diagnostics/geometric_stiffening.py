@@ -28,6 +28,8 @@ from ..system.work_arrays import evaluate, new_work_arrays
 
 #: Instants whose eigenvalues are computed together.
 BATCH_SIZE = 8
+#: Changes of an eigenvalue below this part of it are rounding.
+ROUNDING = 1e-12
 #: A rate of growth counts as none below this part of the fastest frequency.
 GROWTH_TOLERANCE = 1e-7
 #: A body turns about its long axis when its radius of gyration about that axis is below
@@ -140,8 +142,12 @@ def _without_whirl_softening(
     units = basis.T @ unit_stiffness(sid)["rotation"] @ basis
     axes: list[Array] = []
     corrections: list[Array] = []
+    rounding = 0.0
     while True:
-        extreme = _largest_eigenvalue(loading.columns, loading.reduced, least=least)
+        extreme = _largest_eigenvalue(
+            loading.columns, loading.reduced, least=least, rounding=rounding
+        )
+        rounding = rounding or ROUNDING * abs(extreme.ratio)
         w = loads.angular_velocity[extreme.row]
         if not extreme.shape.any() or not w.any() or len(axes) == _MAX_PAIRS:
             return loading, extreme
@@ -280,29 +286,56 @@ class _ExtremeEigenvalue:
 
 
 def _largest_eigenvalue(
-    columns: Array, reduced: Array, signed: bool = False, least: float = 0.0
+    columns: Array,
+    reduced: Array,
+    signed: bool = False,
+    least: float = 0.0,
+    rounding: float = 0.0,
 ) -> _ExtremeEigenvalue:
     """The largest eigenvalue over all instants, in magnitude unless `signed`.
 
     The Frobenius norm is cheap and bounds the eigenvalues: instants are looked at from
     the largest norm on, until none can be larger than what was found. What is below
-    `least` need not be found.
+    `least` need not be found. By Weyl's inequality eigenvalues change by no more than
+    the norm of the change: instants with the same loads but for rounding are left out.
+
+    Parameters
+    ----------
+    rounding
+        Error of the eigenvalues, where they are less than others that were removed.
     """
+    least = max(least, rounding)
     gram = np.einsum("iab,jab->ij", reduced, reduced)
     norms = np.sqrt(np.maximum(np.einsum("ti,ij,tj->t", columns, gram, columns), 0.0))
     order = np.argsort(-norms, kind="stable")
     extreme = _ExtremeEigenvalue(int(order[0]), 0.0, np.zeros(reduced.shape[1]))
-    for first in range(0, len(order), BATCH_SIZE):
-        rows = order[first : first + BATCH_SIZE]
-        if norms[rows[0]] <= max(abs(extreme.ratio), least):
-            break
-        values, vectors = np.linalg.eigh(np.tensordot(columns[rows], reduced, 1))
+    while len(order) and norms[order[0]] > max(abs(extreme.ratio), least):
+        rows, order = np.split(order, [BATCH_SIZE])
+        matrices = np.tensordot(columns[rows], reduced, 1)
+        if _eigenvalue_bound(matrices) <= max(abs(extreme.ratio), least):
+            continue
+        values, vectors = np.linalg.eigh(matrices)
         sizes = values if signed else np.abs(values)
         k, mode = np.unravel_index(sizes.argmax(), values.shape)
         if sizes[k, mode] > abs(extreme.ratio):
             row, shape = int(rows[k]), vectors[k, :, mode]
             extreme = _ExtremeEigenvalue(row, float(values[k, mode]), shape)
+            change = np.abs(columns[order] - columns[row]) @ np.sqrt(np.diag(gram))
+            order = order[change > max(rounding, ROUNDING * abs(extreme.ratio))]
     return extreme
+
+
+def _eigenvalue_bound(matrices: Array) -> float:
+    """Bound of the magnitude of all eigenvalues of symmetric matrices (nt, n, n).
+
+    |A^8|^(1/8) of the Frobenius norm |A| is at most n^(1/16) times the largest one.
+    """
+    norms = np.linalg.norm(matrices, axis=(1, 2))
+    powers = matrices / np.maximum(norms, np.finfo(float).tiny)[:, None, None]
+    for _ in range(3):
+        powers = powers @ powers
+    bounds = norms * np.linalg.norm(powers, axis=(1, 2)) ** 0.125
+    return float(bounds.max()) * (1.0 + 1e-9)  # whatever rounding takes away
 
 
 def _is_unstable(sid: SID, w: Array, added: Array) -> bool:

@@ -61,6 +61,22 @@ def body(result: Result, name: str = "beam") -> FlexibleBody:
     return result.bodies[name]
 
 
+def test_equal_instants_are_looked_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """4000 instants of one speed, but for rounding, need one group of eigenvalues."""
+    sid, count, find = particle_body(4, 8, seed=0), [0], np.linalg.eigh
+    random = np.random.default_rng(0)
+    w = np.array([[3.0, -2.0, 5.0]]) * (1.0 + 1e-15 * random.normal(size=(4000, 1)))
+    expected = stiffening_ratio(sid, angular_velocity=w[0])
+
+    def eigh(matrices: Any) -> Any:
+        count[0] += 1
+        return find(matrices)
+
+    monkeypatch.setattr(np.linalg, "eigh", eigh)
+    found = largest_stiffening(sid, Loads(w, 0.0 * w, 0.0 * w), np.arange(4000.0))
+    assert found.ratio == pytest.approx(expected, rel=1e-9) and count[0] <= 4
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_the_worst_instant_is_that_of_all(seed: int) -> None:
     """Eigenvalues at every instant, one by one, find nothing worse."""
