@@ -15,6 +15,8 @@ from tests.metamorphic.generator.said import Said, copied, with_table
 
 #: Values in files are so many times as large.
 LARGER = 8.0
+#: How far curves of springs go on in tables [m].
+BEYOND = 10.0
 
 
 def signals(case: Case, rng: Random) -> Said | None:
@@ -70,10 +72,18 @@ def _from_file(file: Path, function: Table) -> Table:
 
 
 def _with_curve(table: Table, name: str) -> None:
-    """An actuator that looks the force up at its own length, and a damper."""
+    """An actuator that looks the force up at its own length, and a damper.
+
+    The curve of a spring goes on in straight lines, a table does not: it gets points
+    beyond both ends.
+    """
     force = table["forces"][name]
-    curve = force["table"]
-    table["tables"][name] = {"x": curve["deflection"], "values": curve["force"]}
+    x, y = (np.array(force["table"][key]) for key in ("deflection", "force"))
+    points = np.concatenate([x[0] - BEYOND, x, x[-1] + BEYOND], axis=None)
+    slopes = np.diff(y)[[0, -1]] / np.diff(x)[[0, -1]]
+    first, last = y[[0, -1]] + slopes * [-BEYOND, BEYOND]
+    values = np.concatenate([first, y, last], axis=None)
+    table["tables"][name] = {"x": points.tolist(), "values": values.tolist()}
     value = f"-lookup({name}, {name}.length - rest)"
     law = {"type": "expression", "value": value, "parameters": {"rest": force["rest"]}}
     where = {"markers": force["markers"]}

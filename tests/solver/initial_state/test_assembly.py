@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import Array
@@ -14,7 +15,14 @@ from sidtool.formats.sid_files import read_sid
 from sidtool.solver import compile_scene, simulate
 from sidtool.solver.initial_state.assembly import assemble
 from tests.places import SLIDER_CRANK
-from tests.solver.scenes import Probe, compiled, polynomial, scene, slender_rod
+from tests.solver.scenes import (
+    Probe,
+    compiled,
+    polynomial,
+    scene,
+    slender_rod,
+    soft_body,
+)
 from tests.solver.transformed import Units, in_units, sid_in
 
 ORIGIN = {"position": [0.0, 0.0, 0.0]}
@@ -126,6 +134,33 @@ def clamped() -> dict[str, Any]:
     bodies = {"rod": {"sid": "rod", **ends, "initial": start}}
     described = scene(bodies, joints, ground=ground, end=0.01)
     return described.model_dump(mode="json", by_alias=True, exclude_none=True)
+
+
+@pytest.mark.parametrize("planar", [True, False])
+def test_a_deformed_start_that_fits_its_joint_stays(planar: bool) -> None:
+    """Markers rotate by psi q + psi1 q q / 2."""
+    sid, q = soft_body(2, 5, planar, stiffening=True), np.array([0.3, -0.4])
+    node = sid.nodes[0]
+    phi, psi = (b.m0 + 0.5 * np.tensordot(q, b.m1, 1) for b in (node.phi, node.psi))
+    turned = Rotation.from_rotvec(-(psi @ q))
+    place = -turned.apply(node.position + phi @ q)
+    initial: dict[str, Any] = {"elastic": q.tolist()}
+    if planar:
+        initial |= {"position": place[:2].tolist(), "angle": -float(psi[2] @ q)}
+    else:
+        initial |= {"position": place.tolist(), "matrix": turned.as_matrix().tolist()}
+    body = {"sid": "-", "markers": {"root": "1"}, "initial": initial}
+    clamp = {"type": "fixed", "markers": ["ground", "body.root"]}
+    record = ["body.x", "body.y", "body.q1", "body.q2"]
+    content = scene(
+        {"body": body},
+        {"clamp": clamp},
+        dimension="planar" if planar else "spatial",
+        end=1e-6,
+        record=record,
+    )
+    found = simulate(compiled(content, body=sid)).values[0]
+    assert found == pytest.approx([*place[:2], *q], abs=1e-9)
 
 
 def test_a_body_that_has_to_deform_does_so_with_the_least_energy() -> None:
