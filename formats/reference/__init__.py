@@ -27,12 +27,14 @@ name belong together; their `mode` is the number of the frequency, counted from 
 from __future__ import annotations
 
 import csv
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from ..base.errors import InputError
+from ..base.numbers import integer_of_text, real_of_text
 from ..base.sid import BLOCK_SHAPES, NODE_SHAPES
 from ..storage.unreadable import unreadable_error
 from ..toml.reading import load, validate_data
@@ -50,8 +52,8 @@ _COLUMNS = (
     "name",
     "source",
 )
-_NUMBER, _WHOLE = (float, "a number"), (int, "a whole number")
-_KINDS: dict[str, tuple[type, str]] = {
+_NUMBER, _WHOLE = (real_of_text, "a finite number"), (integer_of_text, "an integer")
+_KINDS: dict[str, tuple[Callable[[str], object], str]] = {
     "value": _NUMBER,
     "tolerance": _NUMBER,
     "mode": _WHOLE,

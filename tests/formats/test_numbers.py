@@ -10,6 +10,7 @@ from sidtool.cli.main import run
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.numbers import integer_of_text, is_label, real_of_text
 from sidtool.formats.model.stations import read_stations
+from sidtool.formats.reference import read_rows
 from sidtool.formats.scene.outputs import parse_output
 from sidtool.formats.scene.signal_files import read_columns
 from sidtool.formats.toml.expressions import parse_expression
@@ -46,6 +47,10 @@ def test_words_of_tables(tmp_path: Path, word: str) -> None:
     with pytest.raises(InputError) as caught:
         read_columns(path, [1, 2])
     assert caught.value.place == "line 1"  # no header
+    path.write_text(f"quantity,value\nmass,{word}\n", encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        read_rows(path)
+    assert caught.value.place == "line 2, column value"
     path.write_text(f"position,EA\n0,1\n1,{word}\n", encoding="utf-8")
     with pytest.raises(InputError, match="found"):
         read_stations(path)

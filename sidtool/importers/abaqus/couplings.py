@@ -323,6 +323,7 @@ def masses_of(deck: Deck, body: Namespace, instance: str) -> Iterator[RawMass]:
     InputError : a set is unknown, or has no mass.
     """
     own = reference_labels(deck, body)
+    places: dict[tuple[str, int, int], str] = {}
     for definition in deck.masses:
         block = definition.block
         elset = deck.name(block.options.get("ELSET", ""))
@@ -351,6 +352,15 @@ def masses_of(deck: Deck, body: Namespace, instance: str) -> Iterator[RawMass]:
                 elset,
             )
             if known:
+                there = places.setdefault(
+                    (block.keyword, id(scope), label), block.place
+                )
+                if there != block.place:
+                    raise InputError(
+                        f"element {label} has *{block.keyword} already ({there})",
+                        place=block.place,
+                        expected="one for every element",
+                    )
                 node = scope.elements[label].nodes[0]
                 yield replace(
                     lump, node=own.get(node, node) if is_in_assembly else node
@@ -360,6 +370,13 @@ def masses_of(deck: Deck, body: Namespace, instance: str) -> Iterator[RawMass]:
 def _read_lumped_mass(block: Block) -> RawMass:
     """Read a line of *MASS or *ROTARY INERTIA, without its node."""
     words, place = block.rows[0]
+    most = 1 if block.keyword == "MASS" else _MOMENTS
+    if len(block.rows) > 1 or any(words[most:]):
+        raise InputError(
+            f"*{block.keyword} has {len(block.rows)} lines of {len(words)} numbers",
+            place=place,
+            expected=f"one line of at most {most}",
+        )
     values = parse_numbers(
         [word or "0" for word in words], place, "a mass or an inertia"
     )

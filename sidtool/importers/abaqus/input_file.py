@@ -46,7 +46,7 @@ from .deck import (
     unsupported_element_text,
 )
 from .equations import read_equation, read_tie
-from .instances import merge_instances, place_nodes
+from .instances import merge_instances, place_nodes, placement_lines
 from .keywords import Block, UnreadKeyword, keyword_effect, read_blocks, spelled_out
 from .materials import read_elastic, read_orientation
 from .mesh import mesh_of, read_shell_section
@@ -196,11 +196,7 @@ def read_ncopy(deck: Deck, block: Block) -> None:
     change, times = _parse_counts(given, (0, 1), block.place)
     old = _ordered_nodes(deck, block.options.get("OLD SET", ""), block.place)
     _check_number(times * len(old), block.place)
-    lines = [
-        parse_numbers([w or "0" for w in words], place) for words, place in block.rows
-    ]
-    if lines and len(lines[0]) > 3:
-        lines.insert(0, [])  # a blank line is a zero shift
+    lines = placement_lines(block)
     nodes = {
         n: deck.scope.nodes[n] for n in old if _node_positions(deck, (n,), block.place)
     }
@@ -414,9 +410,7 @@ def _read_instance(deck: Deck, block: Block) -> None:
             expected="a *PART of this file",
         )
     deck.instances[name] = part
-    deck.placement[name] = [
-        parse_numbers(_blank_as_zero(words), place) for words, place in block.rows
-    ]
+    deck.placement[name] = placement_lines(block)
     deck.scope = deck.parts[part]
 
 

@@ -9,8 +9,10 @@ from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.numbers import is_label
 from sidtool.formats.diagnostics import diagnose
 
+from ...mesh.deck_text import parse_numbers
 from ...mesh.imported_mesh import find_undefined_members
 from .deck import CouplingDefinition, Deck, Element, Member, Namespace, SurfacePart
+from .keywords import Block
 
 _Places = dict[int, tuple[float, float, float]]
 
@@ -90,6 +92,31 @@ def merge_instances(deck: Deck, part: str | None) -> Deck:
     ]
     deck.chosen = True
     return deck
+
+
+def placement_lines(block: Block) -> list[list[float]]:
+    """A shift, and two points of an axis with an angle in degrees, of *INSTANCE or
+    *NCOPY. A blank line before the axis is a zero shift.
+
+    Raises
+    ------
+    InputError : the lines are others.
+    """
+    lines: list[list[float]] = []
+    for words, place in block.rows:
+        line = parse_numbers([word or "0" for word in words], place)
+        if not lines and len(line) > 3:
+            lines.append([])
+        has_axis = len(line) == 7 and (line[:3] != line[3:6] or line[6] == 0.0)
+        if len(lines) > 1 or not (has_axis if lines else True):
+            raise InputError(
+                f"*{block.keyword} has a line of {len(line)} numbers",
+                place=place,
+                expected="a shift of 3 numbers, then two points of an axis and an "
+                "angle (7 numbers)",
+            )
+        lines.append(line)
+    return lines
 
 
 def place_nodes(nodes: _Places, placement: list[list[float]]) -> _Places:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.testing import assert_array_equal
+from numpy.testing import assert_allclose, assert_array_equal
 
 from sidtool.formats.base.errors import InputError
 from sidtool.importers.matrix_market import read_matrix_market
@@ -136,3 +136,42 @@ def test_fields_behind_the_last_column(tmp_path: Path) -> None:
     assert_array_equal(found.positions[:8], POSITIONS)
     with pytest.raises(InputError, match="node 2 is in the coordinate system -1"):
         mesh_of(tmp_path, "bdf", ("GRID    2         ", "GRID    2       -1"))
+
+
+PLACED = (
+    "*PART, NAME=P\n{}*END PART\n*ASSEMBLY, NAME=A\n*INSTANCE, NAME=I, PART=P\n{}"
+    "*END INSTANCE\n*END ASSEMBLY\n*MATERIAL"
+)
+
+
+def placed(folder: Path, lines: str) -> Mesh:
+    """Read a deck of a part whose instance has some lines."""
+    head, rest = DECKS["inp"].split("*MATERIAL")
+    material = rest.split("*SOLID")[0]
+    part = f"{head}*SOLID SECTION, ELSET=E, MATERIAL=M\n"
+    path = folder / "file.inp"
+    path.write_text(PLACED.format(part, lines) + material, encoding="utf-8")
+    return read_mesh(path).mesh
+
+
+def test_lines_of_instances(tmp_path: Path) -> None:
+    """A blank line before the axis is a zero shift."""
+    turned = POSITIONS @ np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1]])
+    axis = "0., 0., 0., 0., 0., 1., 90.\n"
+    for lines in (f"0.\n{axis}", f"\n{axis}", axis):
+        assert_allclose(placed(tmp_path, lines).positions, turned, atol=1e-15)
+    for lines in (
+        "1., 2., 3., 4.\n",
+        "0.\n0., 0., 0., 0., 0., 1.\n",
+        "0.\n0., 0., 0., 0., 0., 1.,\n90.\n",
+        "0.\n0., 0., 1., 0., 0., 1., 90.\n",
+    ):
+        with pytest.raises(InputError, match="INSTANCE has a line of"):
+            placed(tmp_path, lines)
+
+
+@pytest.mark.parametrize("lines", ["5.\n6.\n", "5., 6.\n", "5.\n*MASS, ELSET=P\n6.\n"])
+def test_lines_of_masses(tmp_path: Path, lines: str) -> None:
+    element = f"*ELEMENT, TYPE=MASS, ELSET=P\n9, 1\n*MASS, ELSET=P\n{lines}*NSET"
+    with pytest.raises(InputError, match=r"\*MASS (has|already)"):
+        mesh_of(tmp_path, "inp", ("*NSET", element))
