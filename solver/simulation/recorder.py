@@ -20,7 +20,7 @@ from ..output.energies import EnergyIntegrals
 from ..output.events import LocatedEvent, complete_events
 from ..output.samples import StateSampler
 from ..spatial import system_arrays as at
-from ..system.system import System
+from ..system.system import GROUND_NAME, System
 from .preparation import RunStart
 
 #: Ends of steps that wait for the rows between them, and coordinates of their states.
@@ -186,14 +186,22 @@ class Recorder:
         """True if loads may have changed the stiffness of a body by more than a part of
         it; False is certain.
         """
-        planar = self.system.planar
+        planar, arrays = self.system.planar, self.system.arrays
+        ground = self.system.index(GROUND_NAME)
         for data in self.system.flexible:
-            row = self.system.arrays.body[self.system.index(data.name)]
-            end = int(row[at.VEL] + row[at.RD])
-            speeds = self._largest[1][end - (1 if planar else 3) : end]
-            is_known = row[at.RD] == (3 if planar else 6)
-            bound = softening_bound(data.sid, planar) * float(speeds @ speeds)
-            if not (is_known and bound < share):
+            row = arrays.body[self.system.index(data.name)]
+            if row[at.RD] == (3 if planar else 6):
+                end = int(row[at.VEL] + row[at.RD])
+                speeds = self._largest[1][end - (1 if planar else 3) : end]
+                square = float(speeds @ speeds)
+            elif (
+                row[at.MOTION] == at.FIXED
+                and arrays.marker[row[at.BASE], at.M_BODY] == ground
+            ):
+                square = 0.0
+            else:
+                return True
+            if not softening_bound(data.sid, planar) * square < share:
                 return True
         return False
 
