@@ -252,7 +252,13 @@ def _directions(
     """
     held: set[int] = set()
     for words, where in rows:
-        given = parse_integers([w for w in words[:2] if w], where, "a direction")
+        given = parse_integers([w for w in words if w], where, "a direction")
+        if len(given) > 2:
+            raise InputError(
+                f"{name} has a line of {len(given)} directions",
+                place=where,
+                expected="the first and the last one",
+            )
         last = min(given[-1], 7) if given else 0
         held |= set(range(given[0], last + 1)) if given else {*range(1, 7)}
     least = {*held} if free else _DISPLACEMENTS

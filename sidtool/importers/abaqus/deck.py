@@ -419,7 +419,12 @@ def parse_range(words: Sequence[str], place: str) -> range:
         [word for word in words if word], place, "first, last, step"
     )
     first, last, step = (*values, 1)[:3] if len(values) > 1 else (1, 0, 0)
-    if step < 1 or last < first or (last - first) // step > MOST_MEMBERS:
+    if (
+        len(values) > 3
+        or step < 1
+        or last < first
+        or (last - first) // step > MOST_MEMBERS
+    ):
         text = ", ".join(words)
         raise InputError(f"found {text!r}", place=place, expected="first, last, step")
     return range(first, last + 1, step)

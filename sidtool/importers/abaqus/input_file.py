@@ -60,6 +60,8 @@ from .surfaces import (
 
 #: Tolerance of the nodes of an arc, relative to the radius.
 _ARC_TOLERANCE = 1e-3
+#: Largest difference of the length of a normal from 1.
+_NORMAL_TOLERANCE = 0.05
 #: Lines of nodes that are parsed together.
 _LINES_AT_A_TIME = 20_000
 
@@ -428,11 +430,12 @@ def _read_nodes(deck: Deck, block: Block) -> None:
         for words, place in block.rows:
             label = parse_label(words[0], place, "a node")
             values = parse_numbers(_blank_as_zero(words[1:]), place, "coordinates")
-            if len(values) > 6:
+            normal = np.linalg.norm(values[3:])
+            if len(values) > 6 or (normal and abs(normal - 1) > _NORMAL_TOLERANCE):
                 raise InputError(
                     f"node {label} has {len(values)} coordinates",
                     place=place,
-                    expected="at most 3, and 3 of a normal",
+                    expected="at most 3 with decimal points, and 3 of a unit normal",
                 )
             if label in deck.scope.nodes or label in nodes:
                 raise duplicate_error("node", label, place)

@@ -400,7 +400,8 @@ def _uniform_columns(
     parts = [[x.rstrip() for x in texts[i:count:size]] for i in range(size)]
     for i, own in enumerate(fields):
         end = own[-1].stop if own else 8
-        if any("\t" in x or "," in x or not is_plain(x) for x in parts[i]):
+        text = "".join(parts[i])
+        if "\t" in text or "," in text or not is_plain(text):
             return None, first + count
         if i < size - 1:  # marks of continuations that follow at once mean nothing
             parts[i] = [x[:_MARK_START] for x in parts[i]]

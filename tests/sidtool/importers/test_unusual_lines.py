@@ -170,6 +170,18 @@ def test_lines_of_instances(tmp_path: Path) -> None:
             placed(tmp_path, lines)
 
 
+def test_further_numbers_of_a_line(tmp_path: Path) -> None:
+    for line, longer, message in (
+        ("1, 3\n", "1, 3, 5\n", "a line of 3 directions"),
+        ("NSET=N\n3", "NSET=N, GENERATE\n1, 3, 1, 5", "found '1, 3, 1, 5'"),
+        ("2, 1., 0., 0.", "2, 1,5, 0,2, 0,7", "node 2 has 6 coordinates"),
+    ):
+        with pytest.raises(InputError, match=message):
+            mesh_of(tmp_path, "inp", (line, longer))
+    normal = ("2, 1., 0., 0.", "2, 1., 0., 0., .6, .8")
+    assert_array_equal(mesh_of(tmp_path, "inp", normal).positions, POSITIONS)
+
+
 @pytest.mark.parametrize("lines", ["5.\n6.\n", "5., 6.\n", "5.\n*MASS, ELSET=P\n6.\n"])
 def test_lines_of_masses(tmp_path: Path, lines: str) -> None:
     element = f"*ELEMENT, TYPE=MASS, ELSET=P\n9, 1\n*MASS, ELSET=P\n{lines}*NSET"
