@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from sidtool.formats.base.sid import Array
 from tests.metamorphic.generator.case import Case, Table, Values, run
@@ -58,11 +59,16 @@ def _turns(case: Case, found: Values) -> dict[str, float]:
 
 
 def _has_turned(case: Case, force: Table, found: Values) -> bool:
-    """Whether a shaft of a bushing has made half a turn from rest."""
-    if "shaft" not in force:
+    """Whether a bushing, or its shaft, has made half a turn from rest."""
+    if force["type"] != "bushing" or case.planar:
         return False
     a, b = (_orientations(case, text, found) for text in force["markers"])
-    R, k = np.swapaxes(a, 1, 2) @ b, "xyz".index(force["shaft"])
+    R = np.swapaxes(a, 1, 2) @ b
+    if "shaft" not in force:
+        q = Rotation.from_matrix(R).as_quat()
+        jumps = np.einsum("ni,ni->n", q[:-1], q[1:]) < 0.0
+        return bool((q[0, 3] < 0.0) ^ (q[-1, 3] < 0.0) ^ (jumps.sum() % 2 == 1))
+    k = "xyz".index(force["shaft"])
     i, j = (k + 1) % 3, (k + 2) % 3
     twist = np.unwrap(np.arctan2(R[:, j, i] - R[:, i, j], R[:, i, i] + R[:, j, j]))
     return bool(abs(twist[-1]) > np.pi)

@@ -132,7 +132,7 @@ def mixed_coordinates(case: Case, rng: Random) -> Said | None:
         nq = sid.nq
         T = np.eye(nq)[rng.permutation(nq)] * 10.0 ** rng.uniform(-2.0, 2.0, nq)
         if rng.random() < 0.5:
-            T = T @ (np.eye(nq) + 0.3 * rng.normal(size=(nq, nq)))
+            T = T @ (np.eye(nq) + rng.uniform(-0.9, 0.9, (nq, nq)) / nq)
         sids[name], ways[name] = mixed(sid, T), T
         initial = table["bodies"][name]["initial"]
         rates = np.linalg.solve(T, initial["elastic_velocity"])
