@@ -249,9 +249,12 @@ class PinnedFactors:
             return self.solve(loads)
         conditions, responses = self._known
         source, share = _multiples(loads, conditions)
+        is_new = source < 0
+        if is_new.all():
+            return self.solve(loads)
         answer = responses[:, source] * share
-        if (source < 0).any():
-            answer[:, source < 0] = self.solve(loads[:, source < 0])
+        if is_new.any():
+            answer[:, is_new] = self.solve(loads[:, is_new])
         return answer
 
     @property
