@@ -69,9 +69,16 @@ def read_elastic(deck: Deck, block: Block) -> None:
             place=block.place,
             expected=f"{', '.join(_COUNTS)}, or {BY_CALCULIX}",
         )
+    count = _COUNTS[fitting[0]] if block.keyword == "ELASTIC" else 1
     if block.keyword == "ELASTIC" and fitting != ["ISOTROPIC"]:
-        rows = list(_join_rows(rows, _COUNTS[fitting[0]]))
+        rows = list(_join_rows(rows, count))
         deck.kinds[deck.material] = fitting[0]
+    if (longest := max(map(len, rows))) > count + 1:
+        raise InputError(
+            f"*{block.keyword} of material {deck.material} has {longest} numbers",
+            place=block.place,
+            expected=f"{count} with decimal points, and a temperature",
+        )
     table[block.keyword] = rows
 
 

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.numbers import is_label
 from sidtool.formats.base.sid import Array
 
 from ...mesh.connections import BarSection, RawBar, RawEquation, Vector
@@ -225,6 +226,9 @@ def _orientation_vector(content: BulkData, card: Card, start: int) -> Vector:
             raise _unknown_node(card, other)
         arm = np.subtract(content.nodes[other], content.nodes[start])
         return float(arm[0]), float(arm[1]), float(arm[2])
+    if flag == _VECTOR:  # of whole numbers, too
+        real = [f"{word}." if is_label(word.lstrip("+-")) else word for word in words]
+        card = replace(card, words=[*card.words[:4], *real, *card.words[7:]])
     basic = card.word(7).upper().startswith("B")
     vector = _vector_in_basic(content, card, None if basic else start, 4)
     if not any(vector):

@@ -216,7 +216,8 @@ class Card:
         if not word:
             return default
         try:
-            if abs(value := float(word)) <= LARGEST_NUMBER and is_plain(word):
+            value = float(word)
+            if "." in word and is_plain(word) and abs(value) <= LARGEST_NUMBER:
                 return value
         except ValueError:
             pass
@@ -263,6 +264,12 @@ def real_number(word: str, what: str, place: str) -> float:
     InputError : it is none.
     """
     closed = _BLANKS.sub("", word)
+    if is_label(closed.lstrip("+-")) and closed.strip("+-0"):
+        raise InputError(
+            f"found {word.strip()!r}",
+            place=place,
+            expected=f"{what}, with a decimal point",
+        )
     return parse_numbers([_EXPONENT.sub(r"\1E\2", closed)], place, what)[0]
 
 
@@ -335,6 +342,8 @@ def _grid_run(
     if columns is None:
         return None, behind
     labels, systems, *axes = columns
+    if any("".join(axis).count(".") < len(axis) for axis in axes):
+        return None, behind
     try:
         numbers = list(map(int, labels))
         known = {x: int(x) if x.strip() else -1 for x in set(systems)}
@@ -613,7 +622,9 @@ def _changed_fields(card: Card, changes: list[str], place: str) -> list[str]:
         try:
             if not is_plain(own + step):
                 raise ValueError
-            fields.append(str(Decimal(own) + Decimal(step)))
+            text = str(Decimal(own) + Decimal(step))
+            lacks_point = is_real(own + step) and is_label(text.lstrip("-"))
+            fields.append(f"{text}." if lacks_point else text)
         except (ArithmeticError, ValueError):
             raise InputError(
                 f"adds {step!r} to the field {own!r} of {card.name}",

@@ -8,6 +8,7 @@ from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import Array
 
 from ...mesh.connections import RawShell, ShellSection
+from ...mesh.deck_text import parse_integers
 from ...mesh.imported_mesh import collapse_element
 from .cards import Card, is_real, real_number
 from .content import BulkData, PlaneLaw, Property, duplicate_error
@@ -145,7 +146,7 @@ def _shell(
     if word and is_real(word):
         angle = float(np.radians(real_number(word, "an angle", place)))
     elif word:
-        system = int(real_number(word, "a system", place))
+        (system,) = parse_integers([word], place, "an angle or a system")
         _, axes = content.frames.frame(system, place)
         if system and not content.frames.is_rectangular(system, place):
             centre = np.mean([content.nodes[n] for n in nodes], axis=0)

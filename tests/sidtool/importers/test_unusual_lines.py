@@ -134,6 +134,9 @@ def test_fields_behind_the_last_column(tmp_path: Path) -> None:
     line = f"{'GRID    2               1.      0.      0.':72}"
     found = mesh_of(tmp_path, "bdf", (line.rstrip(), f"{line}a,b"))
     assert_array_equal(found.positions[:8], POSITIONS)
+    for old, new in ((" 1.      0.", " 1       0."), ("MAT1,1,9.", "MAT1,1,9")):
+        with pytest.raises(InputError, match="with a decimal point"):
+            mesh_of(tmp_path, "bdf", (old, new))
     with pytest.raises(InputError, match="node 2 is in the coordinate system -1"):
         mesh_of(tmp_path, "bdf", ("GRID    2         ", "GRID    2       -1"))
 
@@ -174,6 +177,7 @@ def test_further_numbers_of_a_line(tmp_path: Path) -> None:
     for line, longer, message in (
         ("1, 3\n", "1, 3, 5\n", "a line of 3 directions"),
         ("NSET=N\n3", "NSET=N, GENERATE\n1, 3, 1, 5", "found '1, 3, 1, 5'"),
+        ("9., .3", "9,0, 0,3", "ELASTIC of material M has 4 numbers"),
         ("2, 1., 0., 0.", "2, 1,5, 0,2, 0,7", "node 2 has 6 coordinates"),
     ):
         with pytest.raises(InputError, match=message):
