@@ -144,10 +144,15 @@ def _gismo_patch(node: ElementTree.Element, k: int, place: str) -> NurbsPatch:
 
 
 def _parse_numbers(text: str | None, place: str) -> list[float]:
-    try:
-        return [real_of_text(word) for word in (text or "").split()]
-    except ValueError as error:
-        raise InputError(str(error), place=place, expected="finite numbers") from None
+    numbers = []
+    for word in (text or "").split():
+        try:
+            numbers.append(real_of_text(word))
+        except ValueError:
+            raise InputError(
+                f"found {word[:60]!r}", place=place, expected="finite numbers"
+            ) from None
+    return numbers
 
 
 def _parse_integer(text: str | None, place: str) -> int:

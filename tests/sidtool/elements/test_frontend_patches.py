@@ -366,7 +366,7 @@ def test_exchange_formats_hold_the_same_patch(tmp_path: Path) -> None:
         ("0.7071067811865476", "-1", "positive weight"),
         ("TensorNurbs2", "TensorThing", "TensorBSpline or TensorNurbs"),
         ("</xml>", "", "valid XML"),
-        ("1 0  2 0", "1 x  2 0", "expected numbers"),
+        ("1 0  2 0", "1 x  2 0", "found 'x'"),
     ],
 )
 def test_spoiled_patch_files(tmp_path: Path, old: str, new: str, message: str) -> None:
