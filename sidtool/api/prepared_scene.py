@@ -58,6 +58,14 @@ class PreparedScene:
         return sink if self.plan is None else self.plan.certified(sink)
 
 
+def _content(scene: SceneFile) -> bytes | None:
+    """The pickled scene; None for a class inside a function, which has no name."""
+    try:
+        return pickle.dumps(scene)
+    except (AttributeError, pickle.PicklingError):
+        return None
+
+
 @lru_cache(maxsize=1)
 def _compiled(
     content: bytes, sids: tuple[tuple[str, SID], ...], accept_defects: bool
@@ -121,10 +129,11 @@ def prepare_scene(
     if plan is not None:
         scene, chosen, notes = plan.scene, dict(plan.sids), [*notes, *plan.diagnostics]
     known = read_sids(scene, folder, chosen)
-    if drives or forces:
+    content = None if drives or forces else _content(scene)
+    if content is None:
         system = compile_scene(
             scene, folder, known, accept_defects, drives, forces=forces
         )
     else:
-        system = _compiled(pickle.dumps(scene), tuple(known.items()), accept_defects)
+        system = _compiled(content, tuple(known.items()), accept_defects)
     return PreparedScene(system, tuple(notes), plan)

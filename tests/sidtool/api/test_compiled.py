@@ -334,3 +334,9 @@ def test_simulate_compiles_the_same_content_once(
     sid = replace(first.sids["rod"], De=Taylor(np.zeros((5, 5))))
     scene.simulate(sids={"rod": sid})
     assert [named["sids"]["rod"] is sid for named in compiled] == [False, False, True]
+
+    class Local(sidtool.Scene):
+        """Cannot be pickled."""
+
+    local = Local.load(FOUNDING / "slider_crank.toml", {"time.end": 0.02})
+    np.testing.assert_array_equal(local.simulate().values, first.values)
