@@ -48,7 +48,7 @@ ROD_MARKERS = {
 }
 TIP_LOAD = {"method": "attachment", "interfaces": ["tip"], "modes": 3}
 MESHES = {
-    "q4": {"type": "q4", "elements": [80, 4], "formulation": "incompatible_modes"},
+    "q4": {"type": "q4", "elements": [20, 2], "formulation": "incompatible_modes"},
     "iga": {"type": "iga", "degrees": [3, 2], "elements": [12, 1]},
 }
 
@@ -70,7 +70,7 @@ def test_tip_loaded_cantilever() -> None:
 
 @pytest.mark.parametrize("mesh", MESHES)
 def test_spanned_states_have_the_stress_of_the_full_model(mesh: str) -> None:
-    """The static state is among the shape functions: 1e-9."""
+    """The static state is among the shape functions: equal to 1e-7."""
     model = beam(MESHES[mesh], markers=TOP, reduction=TIP_LOAD, stress={})
     sid, body = sid_from_model(model), finite_element_model(model)
     frame = FRAMES["tangent"](body, model.frame)
