@@ -281,19 +281,17 @@ def _rows(lines: Sequence[str], start: int, count: int, announced: int) -> Array
     InputError : there are fewer rows.
     """
     rows: list[list[float]] = []
-    for k, line in enumerate(lines[start:], start + 1):
-        words = line.split()[:count]
-        if announced and len(rows) == announced:
-            break
+    end = start + announced if announced else None
+    for k, line in enumerate(lines[start:end], start + 1):
         try:
-            rows.append(parse_numbers(words, f"line {k}"))
+            row = parse_numbers(line.split()[:count], f"line {k}")
         except InputError:
             if announced:
                 raise
             break
-        if len(words) != count:
-            rows.pop()
+        if len(row) != count:
             break
+        rows.append(row)
     if len(rows) < max(announced, 2):
         raise InputError(
             f"has {len(rows)} stations",

@@ -221,12 +221,11 @@ def _marker_axes(scene: SceneFile, data: BodyData, marker: str) -> tuple[Array, 
     node = data.node(marker)
     axes = nearest_rotation(node.AP.m0)
     initial = None if data.name == GROUND_NAME else scene.bodies[data.name].initial
-    elastic, nq = getattr(initial, "elastic", None), data.sid.nq
-    if elastic is None or len(elastic) != nq:
+    elastic = getattr(initial, "elastic", None)
+    if elastic is None or len(elastic) != data.sid.nq:
         return axes, axes
     q = np.array(elastic)
-    psi = node.psi.m0 + 0.5 * np.tensordot(q, node.psi.first_order(nq), 1)
-    return axes, rotation_matrix(psi @ q) @ axes
+    return axes, rotation_matrix(node.psi.at(0.5 * q) @ q) @ axes
 
 
 def _specified_orientation(scene: SceneFile, body: str) -> Array | None:

@@ -92,7 +92,7 @@ def test_softening_without_stiffening(share: float) -> None:
 def test_warnings_are_found_without_the_rest(
     joint: str, share: float, gravity: float, expected: list[str]
 ) -> None:
-    """A slow beam needs none of the numbers that say how much it softens."""
+    """Loads on a slow beam are evaluated when the result is read, not before."""
     start, emitted = {"angular_velocity": share * FIRST}, list[Diagnostic]()
     described = scene(
         {
